@@ -14,12 +14,13 @@ import pandas as pd
 import yaml
 
 from expertaug import plotting
+from expertaug.hues import OWN
 
 ROOT = Path(__file__).parents[1]
 LINES = {
-    "aphynity": ("encoder as trained", "-", "o"),
-    "aphynity+": ("encoder after expert augmentation", "-", "s"),
-    "alternating": ("each window fitted, no encoder", "--", "^"),
+    "aphynity": "encoder as trained",
+    "aphynity+": "encoder after expert augmentation",
+    "alternating": "each window fitted, no encoder",
 }
 
 
@@ -32,18 +33,20 @@ def main() -> None:
     table = pd.read_csv(options.run / "tables" / "pendulum_distance.csv")
     config = yaml.safe_load((options.run / "config.yaml").read_text(encoding="utf-8"))
     low, high = config["experiments"]["pendulum"]["data"]["sets"]["train"]["z_e"]["omega0"]
-    colours = plotting.colours(list(LINES), {name: k for k, name in enumerate(config["methods"])})
+    colours = plotting.colours(list(LINES), OWN)
     with plotting.styled():
         figure = plotting.new_figure(2.7, 6.0)
         axes = figure.add_subplot()
         axes.axvspan(low, high, color="0.93", zorder=0)
         axes.text(high - 0.05, 1.06, "trained here", ha="right", va="bottom", color="0.35")
-        for version, (label, style, marker) in LINES.items():
+        for version, label in LINES.items():
             part = table[(table["method"] == version) & (table["of"] == "z_e")]
             beyond, inside = part[part["distance"] > 0], part[part["distance"] == 0]
             omega0 = [*((low - beyond["distance"] * (high - low))[::-1]), (low + high) / 2]
             skill = [*beyond["skill"][::-1], *inside["skill"]]
-            axes.plot(omega0, skill, color=colours[version], linestyle=style, marker=marker, markersize=4, label=label)
+            look = plotting.look(version, colours, 4)
+            axes.hlines(inside["skill"], low, high, color=colours[version], linewidth=3, alpha=0.35)  # one bin
+            axes.plot(omega0, skill, label=label, **look)
         for value, words in ((1.0, "as good as the true equation"), (0.0, "no better than the mean")):
             axes.axhline(value, color="0.55", linewidth=0.8, linestyle=":")
             axes.text(low + 0.02, value, words, va="bottom", color="0.35", fontsize=7)

@@ -113,3 +113,8 @@ def test_every_folder_is_a_subject_with_a_line_of_its_own():
     for folder in {path.parent for path in modules().values()} - {SOURCES / PACKAGES[0]}:
         text = (folder / "__init__.py").read_text(encoding="utf-8")
         assert ast.get_docstring(ast.parse(text)), f"{folder.name}/__init__.py says what the folder holds"
+
+
+def test_what_selects_passes_has_a_name_of_its_own():
+    told = [*modules().values(), SOURCES.parent / "config" / "README.md", *(SOURCES.parent / "docs").glob("*.md")]
+    assert not [str(path) for path in told if "validation log-MSE" in path.read_text(encoding="utf-8")]

@@ -59,7 +59,8 @@ def test_figures_compare_the_classical_estimator_first():
     names = ["least_squares", *(f"m{k}{v}" for k in range(versions.LINES) for v in ("", "~refined"))]
     assert "least_squares" not in versions.compared(names)
     assert versions.compared(names, "least_squares")[0] == "least_squares"
-    assert len(versions.compared(names, "least_squares")) == versions.LINES
+    assert len(versions.compared(names, "least_squares")) == versions.LINES == 7
+    assert len(versions.compared(names, "least_squares", 6)) == 6
 
 
 def test_settings_hold_versions_and_json_their_names():

@@ -5,8 +5,33 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 
-# Hues that the colour-blind tell apart (Okabe and Ito, with a grey, a brown and an olive).
-HUES = ("#7A7A7A", "#E69F00", "#009E73", "#56B4E9", "#8C5A2B", "#0072B2", "#D55E00", "#B5589A", "#999933")
+# Those of Okabe and Ito with a grey, a brown and an olive, moved until the colour-blind see each pair as two, light and
+# dark.
+HUES = ("#686868", "#F6AD00", "#04B55F", "#51D0DD", "#894F0F", "#006EC3", "#ED5202", "#A3489A", "#9EAF47")
+FLOOR = len(HUES)  # index of the true equation's colour, which is nobody else's
+EQUATION = "#2A2A2A"
+# The methods of the default configuration keep theirs in every other; those of one hue are seldom in one figure.
+OWN = {
+    "mean": 0,
+    "expert_only": 1,
+    "least_squares": 2,
+    "truth": FLOOR,
+    "ml_only": 4,
+    "aphynity": 5,
+    "hvae": 6,
+    "alternating": 7,
+    "least_squares_friction": 8,
+    "expert_only_point_mass": 3,
+    "aphynity_point_mass": 3,
+    "hvae_point_mass": 1,
+    "aphynity_of_z_e": 3,
+    "aphynity_diffusion": 3,
+    "aphynity_damping": 8,
+    "aphynity_polynomial": 8,
+    "hvae_polynomial": 4,
+    "least_squares_shared": 8,
+    "alternating_shared": 3,
+}
 
 
 def assigned(figures: Iterable[Sequence[str]], hues: Mapping[str, int] | None = None) -> dict[str, int]:

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -20,7 +20,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.hues import HUES, assigned
+from expertaug.hues import EQUATION, FLOOR, HUES, assigned
 from expertaug.versions import Version, base
 
 WIDTH = 7.0  # inches: the text width of a page
@@ -64,6 +64,9 @@ def colours(variants: Sequence[str], hues: Mapping[str, int] | None = None) -> d
     drawn = list(dict.fromkeys(map(base, variants)))
     hues, found = assigned([drawn], hues), {}
     for variant in variants:
+        if hues[base(variant)] == FLOOR:
+            found[variant] = to_rgb(EQUATION)
+            continue
         red, green, blue = to_rgb(HUES[hues[base(variant)]])
         if Version.parse(variant).is_augmented:
             found[variant] = (0.72 * red, 0.72 * green, 0.72 * blue)
@@ -91,6 +94,14 @@ def marker(variant: str) -> str:
     return "s" if version.is_refined else "^" if version.is_flow else "v" if version.is_control else "o"
 
 
+def look(variant: str, colours: Mapping[str, tuple[float, float, float]], size: float = 3) -> dict[str, Any]:
+    """Colour, dash and marker of a version's line; the true equation's is dotted, without markers, in every figure."""
+    if colours[variant] == to_rgb(EQUATION):
+        return {"color": EQUATION, "linestyle": ":", "marker": ""}
+    shown = {"linestyle": dash(variant), "marker": marker(variant), "markersize": size}
+    return {"color": colours[variant], **shown}
+
+
 def symbol(name: str) -> str:
     """A parameter's or state's name as it is printed: ``omega0`` becomes ω with index 0."""
     match = re.fullmatch(rf"({LETTERS}|[A-Za-z])_?(\d*)", name)
@@ -111,8 +122,8 @@ def wrapped(words: str, width: float, size: float = RC["axes.titlesize"]) -> str
 
 
 def quantity(name: str, unit: str) -> str:
-    """Symbol and unit of an axis."""
-    return f"{symbol(name)} [{unit}]" if unit else symbol(name)
+    """Symbol and unit of an axis; a pure number's is 1."""
+    return f"{symbol(name)} [{unit or 1}]"
 
 
 def plain_log(axes: Axes, which: Literal["x", "y"] = "y") -> None:
@@ -147,7 +158,7 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
 
 def heading(figure: Figure, words: str) -> None:
     """A line above all panels that says what the figure is of."""
-    figure.suptitle(words, fontsize=7.5, color="0.35")
+    figure.suptitle(words, fontsize=RC["axes.titlesize"])
 
 
 def legend(figure: Figure, handles: Sequence[Artist]) -> None:

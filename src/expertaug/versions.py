@@ -21,7 +21,7 @@ from typing import Any
 
 from pydantic_core import core_schema
 
-LINES = 8  # of one figure that can be told apart
+LINES = 7  # of one panel, at most
 MAIN_SETS = ("train", "validation", "test")  # that every experiment has
 # Those that tables and figures show, in order; iid: drawn as validation is, and nothing is chosen on it.
 SHOWN_SETS = ("train", "validation", "iid", "test")
@@ -127,8 +127,8 @@ def base(name: str) -> str:
     return Version.parse(name).method
 
 
-def compared(names: Sequence[str], classical: str | None = None) -> list[str]:
-    """The versions that one figure compares, at most LINES.
+def compared(names: Sequence[str], classical: str | None = None, most: int = LINES) -> list[str]:
+    """The versions that one figure compares, at most so many.
 
     First the classical estimator and methods that have flows or refined versions, as trained and augmented, then the
     flows, then other methods as trained; no controls, no refined versions.
@@ -142,7 +142,7 @@ def compared(names: Sequence[str], classical: str | None = None) -> list[str]:
             return 1
         return 0 if name == classical or version.method in studied else 2 if not version.is_augmented else 3
 
-    chosen = sorted((n for n, v in versions.items() if not v.is_control and not v.is_refined), key=rank)[:LINES]
+    chosen = sorted((n for n, v in versions.items() if not v.is_control and not v.is_refined), key=rank)[:most]
     return [name for name in names if name in chosen]
 
 

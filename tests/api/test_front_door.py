@@ -224,7 +224,8 @@ class TestPlotsAndMetrics:
         np.testing.assert_array_equal(figure.axes[1].lines[0].get_ydata(), sets["test"].y[4, :, 0])
         drawn = ea.plots.parameters(both, sets["test"], prior=SHIFTED)
         assert len(drawn.axes) == 2
-        assert len(ea.plots.course(fit).axes[0].lines) == 2
+        course = ea.plots.course(fit)
+        assert len(course.axes[0].lines) == 2 and course.axes[1].get_ylabel() == "selection score"
         assert len(ea.plots.forecasts(fit[1], sets["test"]).axes) == 6
         with pytest.raises(ea.InputError, match="samples"):
             ea.plots.forecasts(fit, sets["test"], samples=[99])

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from expertaug.evaluation.tabulate import tabulate
 from expertaug.tracking.log import Run
 from expertaug.tracking.run_log import RunLog
 
@@ -60,6 +61,18 @@ def write_metrics(folder: Path, experiment: str = "swing", seeds=(0, 1, 2), labe
         table.to_csv(path, index=False)
         paths.append(path)
     return paths
+
+
+def tables_of(metrics: list[Path], **changed) -> list[Path]:
+    """The long table of each experiment of these metrics; ``changed`` columns have other values."""
+    tables = []
+    for folder in dict.fromkeys(path.parents[2] for path in metrics):
+        path = folder / "table_long.csv"
+        tabulate([one for one in metrics if one.is_relative_to(folder)], [path])
+        if changed:
+            pd.read_csv(path).assign(**changed).to_csv(path, index=False)
+        tables.append(path)
+    return tables
 
 
 def write_forecasts(folder: Path, labels=LABELS, seeds=(0, 1), count=100) -> dict[str, Path]:

@@ -9,6 +9,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.data_curves import data_curves
 from expertaug.evaluation.settings import DataCurvesJob
 from expertaug.evaluation.summary import TabledMean
+from expertaug.hues import EQUATION
 from expertaug.rows import frame
 
 LABELS = {"fit": "Fit", "hybrid": "Hybrid", "hybrid=": "Hybrid=", "floor": "Floor"}
@@ -53,11 +54,14 @@ def test_a_row_is_a_point_and_a_method_and_a_line_its_intervals(tmp_path, drawn)
     assert set(csv["metric"]) == {"log_mse_sum", "relative_error"} and len(csv) == 4 * 2 * (4 + 3)
     (figure,) = drawn
     assert [axis.get_xlabel().split()[0] for axis in figure.axes] == ["training"] * 2 + ["standard"] * 2
+    assert figure.axes[2].get_xlabel().endswith("[the component's unit]")
+    assert figure.get_suptitle() == "many: how errors depend on the data"
     assert [axis.get_title() for axis in figure.axes] == ["IID test", "test (OOD)", "", ""]
     iid = figure.axes[0]
     assert [tick.get_text() for tick in iid.get_xticklabels()] == ["20", "1000"]
     lines = {bars.get_label(): bars for bars in iid.containers}
     assert set(lines) == {"Fit", "Hybrid", "Floor"}  # no control
+    assert lines["Floor"].lines[0].get_linestyle() == ":" and lines["Floor"].lines[0].get_color() == EQUATION
     assert list(lines["Hybrid"].lines[0].get_ydata()) == pytest.approx([-2.8, -5.8])
     bar = lines["Hybrid"].lines[2][0].get_segments()[0][:, 1]
     assert list(bar) == pytest.approx([-3.1, -2.3])
@@ -77,3 +81,14 @@ def test_without_intervals_and_finite_values_nothing_is_drawn_of_a_point(tmp_pat
     assert "not finite (0/2)" in text and "± 0.20" in text
     line = next(bars for bars in drawn[0].axes[0].containers if bars.get_label() == "Fit")
     assert len(line.lines[0].get_ydata()) == 1
+
+
+def test_a_panel_has_seven_lines_with_the_floor(tmp_path, drawn):
+    path = table_of(tmp_path, "many")
+    rows = pd.read_csv(path)
+    more = [rows[rows["method"] == "fit"].assign(method=f"m{k}", label=f"M{k}") for k in range(9)]
+    pd.concat([rows, *more]).to_csv(path, index=False)
+    settings = {"experiment": "many", "axes": [["samples", [[1000, "many"]]]], "floor": "floor"}
+    labels = [*LABELS.items(), *((f"m{k}", f"M{k}") for k in range(9))]
+    data_curves([path], [tmp_path / "c.png"], DataCurvesJob.from_mapping(settings | {"labels": labels}))
+    assert [len(axis.containers) for axis in drawn[0].axes] == [7, 7]

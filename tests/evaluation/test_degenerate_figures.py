@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from fake_runs import method_of, pairs, write_forecasts, write_logs, write_metrics
+from fake_runs import method_of, pairs, tables_of, write_forecasts, write_logs, write_metrics
 from test_windows import CURVES, fake
 
 from expertaug import plotting
@@ -29,7 +29,7 @@ from expertaug.evaluation.settings import (
     WindowStudyJob,
 )
 from expertaug.evaluation.studies import study
-from expertaug.evaluation.summary import Mean
+from expertaug.evaluation.summary import TabledMean
 from expertaug.inference.diagnostics.validity import Refit, Validity
 
 VALUES = {"zero": 0.0, "missing": np.nan, "infinite": np.inf}
@@ -63,10 +63,11 @@ def test_estimates(value):
 
 def test_dots(metrics, tmp_path):
     job = PlotJob(**pairs(), floor=method_of("Mean"))
-    dots.log_mse(metrics, tmp_path / "log_mse", job)
-    dots.parameter_errors(metrics, tmp_path / "parameter_errors", job)
+    tables = tables_of(metrics)
+    dots.log_mse(tables, tmp_path / "log_mse", job)
+    dots.parameter_errors(tables, tmp_path / "parameter_errors", job)
     one = {"name": "swing", "shown": True, "shifted": "test", "opponents": []}
-    dots.overview(metrics, tmp_path / "all", OverviewJob(experiments=[one], hues=[]))
+    dots.overview(tables, tmp_path / "all", OverviewJob(experiments=[one], hues=[]))
 
 
 @pytest.mark.parametrize("name", ["out_of_expertise", "horizons", "prior_width"])
@@ -81,7 +82,8 @@ def test_studies(metrics, tmp_path, name):
 def test_along_a_training(value):
     whose = {"experiment": "swing", "system": "pendulum", "preset": "paper", "method": "hybrid", "label": "Hybrid"}
     numbers = {"mean": value, "std": value, "n": int(np.isfinite(value)), "of": 2, "epoch": 1, "finetune_epochs": 0}
-    summary = [Mean(**whose, set=s, metric="log_mse_sum", **numbers) for s in ("train", "validation", "test")]
+    numbers |= {"seeds": (0, 1), "low": value, "high": value}
+    summary = [TabledMean(**whose, set=s, metric="log_mse_sum", **numbers) for s in ("train", "validation", "test")]
     figure = studies.during_training(summary, StudyJob(study="during_training", labels=[("hybrid", "Hybrid")]))
     drawn(figure)
 
@@ -136,7 +138,14 @@ def test_validity(value):
     along = Validity("omega0", edges, np.full(3, value), np.full(3, value), value, (0.0, 1.0))
     found = {"a": ("A", {"train": refit, "test": refit}, {"omega0": along}, "1/s")}
     job = ValidityJob.from_mapping({"experiment": "e", "versions": [], "validity": {}, "device": "cpu"})
-    drawn(validity._draw(found, job, "title"))
+    figure = validity._draw(found, job, "title")
+    drawn(figure)
+    assert figure.legends[0].get_texts()[-1].get_text() == "range of the training windows' estimates"
+    figure = validity._draw(found, job, "title", (0.2, 0.5))
+    assert [patch.get_x() for patch in figure.axes[0].patches] == [0.2] and len(figure.axes[0].get_xticks()) <= 7
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["A", "training windows (left: their 95 % quantile)", "training range"]
+    assert figure.axes[0].get_xlabel() == r"$\omega_{0}$ [1/s]"
 
 
 def drawn(figure):

@@ -18,7 +18,7 @@ from pendulum_motion import CONSTANTS, FRICTION
 
 from expertaug.cli import main
 from expertaug.errors import InputError
-from expertaug.evaluation.dissipation import dissipated_power, dissipation, measured_loss
+from expertaug.evaluation.dissipation import Loss, dissipated_power, dissipation, draw, measured_loss
 from expertaug.evaluation.settings import DissipationJob
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
@@ -170,6 +170,19 @@ def test_the_stage_by_recording(folder, drawn):
     assert outputs[2].read_text().isascii() and r"\nabla" in outputs[2].read_text()
     points = [line for line in drawn[0].axes[0].lines if line.get_linestyle() == "None"]
     assert len(drawn[0].axes) == 3 and [len(line.get_xdata()) for line in points] == [2, 2]
+    assert all(axis.get_xlabel() and axis.get_yscale() == "linear" for axis in drawn[0].axes)
+    labels = [text.get_text() for text in drawn[0].legends[0].get_texts()]
+    assert labels == ["With friction", "Half of it", "as measured"]
+
+
+def test_a_model_that_dissipates_far_too_much_leaves_the_others_their_room():
+    rows = [("whole", 2.0), ("half", 1.0), ("half~refined", -300.0)]
+    losses = [Loss("e", name, name, 0, "", "test", r, 9, 2.0, 0.1, lost) for name, lost in rows for r in "ab"]
+    job = DissipationJob.from_mapping(SETTINGS | {"versions": [[name, name, None] for name, _ in rows]})
+    (axis,) = draw(losses, job).axes
+    assert axis.get_yscale() == "symlog" and list(axis.get_yticks()) == [-1000, -100, -10, -2, 0, 2, 10, 100, 1000]
+    markers = [line.get_marker() for line in axis.lines if line.get_linestyle() == "None"]
+    assert markers == ["o", "o", "s"] and all(line.get_markerfacecolor() != "none" for line in axis.lines)
 
 
 def test_refusals(folder, capsys):

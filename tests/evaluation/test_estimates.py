@@ -188,10 +188,21 @@ def test_initial_speeds_are_no_constants_and_what_has_no_expert_states_nothing()
     assert {"least_squares", "truth", "aphynity+"} <= set(versions) and not {"mean", "ml_only"} & set(versions)
 
 
-@pytest.mark.parametrize(("trajectories", "lines"), [(3, ["all", "run0", "run1", "run2"]), (40, ["all"])])
+@pytest.mark.parametrize(("trajectories", "lines"), [(3, [", all", ", run0", ", run1", ", run2"]), (40, [""])])
 def test_of_many_trajectories_the_figure_shows_all_together(trajectories, lines):
     identity = np.array([f"run{k % trajectories}/{k}" for k in range(40)])
     rows = [TabledEstimate("own", "Own", **vars(one)) for one in summarise(stated(identity), {})]
     figure = draw(rows, EstimatesJob(labels=[("own", "Own")]), "swings")
     names = [[tick.get_text() for tick in axes.get_yticklabels()] for axes in figure.axes]
-    assert names == [[f"Own, {line}" for line in lines]] * 2
+    assert names == [[f"Own{line}" for line in lines]] * 2
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    spread = ["spread between trajectories or windows"] if any(one.spread > 0 for one in rows) else []
+    assert labels == ["90 % interval", *spread] and figure.get_suptitle() == "swings"
+
+
+def test_a_constant_of_a_sensor_is_that_of_a_state():
+    numbers = {"error": 0.1, "low": 0.9, "high": 1.1, "spread": np.nan, "windows": 9, "groups": 3, "told": None}
+    row = TabledEstimate("own", "Own", "scale of omega", "", "real_pend_h_1/0", 1.0, **numbers)
+    (axis,) = draw([row], EstimatesJob(labels=[("own", "Own")]), "swings").axes
+    assert axis.get_xlabel() == r"scale of $\omega$ [1]"
+    assert [tick.get_text() for tick in axis.get_yticklabels()] == ["Own"]

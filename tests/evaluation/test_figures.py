@@ -8,7 +8,16 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from fake_runs import LABELS, method_of, pairs, write_double_forecasts, write_forecasts, write_logs, write_metrics
+from fake_runs import (
+    LABELS,
+    method_of,
+    pairs,
+    tables_of,
+    write_double_forecasts,
+    write_forecasts,
+    write_logs,
+    write_metrics,
+)
 from matplotlib.image import imread
 
 from expertaug import plotting
@@ -39,15 +48,20 @@ def assert_nothing_is_cut(figure):
 
 def test_dots_are_at_the_means(tmp_path, drawn):
     metrics = write_metrics(tmp_path)
-    dots.log_mse(metrics, tmp_path / "dots", PlotJob(**pairs()))
+    (path,) = tables_of(metrics)
+    table = pd.read_csv(path)
+    known = table["label"] != "Mean"  # of which no samples are kept
+    table.assign(low=(table["mean"] - 0.3).where(known), high=(table["mean"] + 0.5).where(known)).to_csv(path)
+    dots.log_mse([path], tmp_path / "dots", PlotJob(**pairs()))
     table = pd.concat(map(pd.read_csv, metrics)).query("metric == 'log_mse_sum'")
     axis = drawn[-1].axes[0]
     marks = [line for line in axis.lines if not line.get_label().startswith("_")]  # the ends of an error bar have none
     places = sorted(line.get_xdata()[0] for line in marks)
     assert places == pytest.approx(sorted(table.groupby(["label", "set"])["value"].mean()))
-    errors = table.groupby(["label", "set"])["value"].std()
-    drawn_errors = [np.ptp(c.get_segments()[0][:, 0]) / 2 for c in axis.collections]
-    assert sorted(drawn_errors) == pytest.approx(sorted(errors))
+    means = table[table["label"] != "Mean"].groupby(["label", "set"])["value"].mean()
+    ends = sorted(tuple(c.get_segments()[0][:, 0]) for c in axis.collections)
+    assert ends == [pytest.approx((mean - 0.3, mean + 0.5)) for mean in sorted(means)], "the table's intervals"
+    assert not drawn[-1].get_suptitle()
     assert (tmp_path / "dots.pdf").read_bytes().startswith(b"%PDF")
     assert imread(tmp_path / "dots.png").std() > 0.1
     assert_nothing_is_cut(drawn[-1])
@@ -55,11 +69,11 @@ def test_dots_are_at_the_means(tmp_path, drawn):
 
 def test_where_there_is_an_iid_test_set_figures_leave_validation_out(tmp_path, drawn):
     metrics = write_metrics(tmp_path)
-    dots.log_mse(metrics, tmp_path / "without", PlotJob(**pairs()))
+    dots.log_mse(tables_of(metrics), tmp_path / "without", PlotJob(**pairs()))
     for path in metrics:
         table = pd.read_csv(path)
         pd.concat([table, table[table["set"] == "validation"].assign(set="iid")]).to_csv(path, index=False)
-    dots.log_mse(metrics, tmp_path / "with", PlotJob(**pairs()))
+    dots.log_mse(tables_of(metrics), tmp_path / "with", PlotJob(**pairs()))
     entries = [[text.get_text() for text in figure.legends[0].get_texts()] for figure in drawn]
     assert entries == [["train", "validation (set of choices)", "test (OOD)"], ["train", "IID test", "test (OOD)"]]
     assert_nothing_is_cut(drawn[-1])
@@ -75,10 +89,12 @@ def test_several_experiments_and_long_labels_fit(tmp_path, drawn, monkeypatch, s
     labels = [*LABELS, name, "Other+"]
     metrics = write_metrics(tmp_path, labels=labels, seeds=seeds)
     for number, paths in enumerate((metrics, metrics + write_metrics(tmp_path, "double_swing", seeds, labels))):
-        dots.log_mse(paths, [tmp_path / f"{number}.png"], PlotJob(labels=[]))
+        tables = tables_of(paths)
+        dots.log_mse(tables, [tmp_path / f"{number}.png"], PlotJob(labels=[]))
         assert_nothing_is_cut(drawn[-1])
-        dots.parameter_errors(paths, [tmp_path / f"{number}.png"], PlotJob(labels=[]))
+        dots.parameter_errors(tables, [tmp_path / f"{number}.png"], PlotJob(labels=[]))
         assert_nothing_is_cut(drawn[-1])
+    assert all(axis.get_xlabel() for axis in drawn[-1].axes), "below each column"
     assert [axis.get_title() for axis in drawn[-1].axes][:2] == [r"swing: $\omega_{0}$", r"double swing: $\omega_{1}$"]
 
 
@@ -87,15 +103,15 @@ def test_dots_of_a_method_without_finite_values(tmp_path, drawn):
     table = pd.read_csv(metrics[0])
     table["value"] = np.inf
     table.to_csv(metrics[0], index=False)
-    dots.log_mse(metrics, [tmp_path / "dots.png"], PlotJob(labels=[]))
+    dots.log_mse(tables_of(metrics), [tmp_path / "dots.png"], PlotJob(labels=[]))
     assert sum(text.get_text() == "not finite" for text in drawn[-1].axes[0].texts) == 3
     assert_nothing_is_cut(drawn[-1])
 
 
 def test_same_numbers_make_the_same_files(tmp_path):
-    metrics = write_metrics(tmp_path)
+    tables = tables_of(write_metrics(tmp_path))
     for name in ("a", "b"):
-        dots.log_mse(metrics, tmp_path / name, PlotJob(labels=[]))
+        dots.log_mse(tables, tmp_path / name, PlotJob(labels=[]))
     for suffix in (".png", ".pdf"):
         assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
@@ -129,7 +145,7 @@ def test_symbols():
     assert plotting.symbol("theta") == r"$\theta$"
     assert plotting.symbol("L") == "$L$"
     assert plotting.symbol("spring_rate") == "spring rate"
-    assert plotting.quantity("k", "") == "$k$"
+    assert plotting.quantity("k", "") == "$k$ [1]"
 
 
 def test_names_with_underscores_are_made_readable():
@@ -142,7 +158,11 @@ def test_names_with_underscores_are_made_readable():
 
 def test_forecasts(tmp_path, drawn):
     paths = write_forecasts(tmp_path)
-    traces.forecasts(paths, [tmp_path / "f.png"], FigureReading(**pairs()), View(seed=1))
+    for path in paths.values():
+        np.savez(path, **np.load(path), version=["swing", "corrected", "a"])
+    title = "swing (toy run)"
+    traces.forecasts(paths, [tmp_path / "f.png"], FigureReading(**pairs(), title=title), View(seed=1))
+    assert drawn[-1].get_suptitle() == "swing (toy run): forecasts on the test (OOD) set, seed 1"
     panels = drawn[-1].axes
     assert len(panels) == 6
     assert [panels[0].get_ylabel(), panels[3].get_ylabel()] == [r"$\theta$ [rad]", r"$\omega$ [rad/s]"]
@@ -152,6 +172,21 @@ def test_forecasts(tmp_path, drawn):
     window = panels[0].patches[0]
     assert (window.get_x(), window.get_width()) == (0.0, 5.0)
     assert_nothing_is_cut(drawn[-1])
+
+
+def test_bands_in_the_legend_are_those_that_can_be_seen(tmp_path, drawn):
+    paths = write_forecasts(tmp_path, labels=("Hybrid", "Hybrid+", "Mean"))
+    for method, width in (("hybrid", 0.3), ("hybrid+", 1e-3)):
+        arrays = dict(np.load(paths[method]))
+        later = arrays["test_prediction"][..., -150:, :]
+        np.savez(paths[method], **arrays, test_band=np.stack((later - width, later + width)))
+    traces.forecasts(paths, [tmp_path / "f.png"], FigureReading(**pairs(("Hybrid", "Hybrid+", "Mean"))))
+    legend = drawn[-1].legends[0]
+    bands = [text.get_text() for text in legend.get_texts() if "band" in text.get_text()]
+    assert bands == ["90 % band of Hybrid"]
+    truth, *others = drawn[-1].axes[0].lines
+    assert all(truth.get_zorder() < line.get_zorder() for line in others), "no forecast is wholly under the truth"
+    assert truth.get_linewidth() > 2 * max(line.get_linewidth() for line in others)
 
 
 def test_forecasts_of_four_dimensions(tmp_path, drawn):
@@ -173,9 +208,12 @@ def test_a_runaway_forecast_leaves_the_truth_visible(tmp_path, drawn):
 @pytest.mark.parametrize("write", [write_forecasts, write_double_forecasts])
 def test_parameters(tmp_path, drawn, write):
     paths = write(tmp_path)
+    for path in paths.values():
+        np.savez(path, **np.load(path), version=["swing", "corrected", "a"])
     ranges = {"omega0": [1.5, 3.1], "omega1": [-20, 20], "omega2": [-40, 40]}
     reading = ParameterReading(training_range=ranges, priors={"hybrid": {"omega0": [0.25, 3.5]}}, **pairs())
     parameters.parameters(paths, [tmp_path / "p.png"], reading)
+    assert drawn[-1].get_suptitle() == "swing: expert parameters"
     panels = drawn[-1].axes
     estimating = [label for label in LABELS if method_of(label) in paths and label not in ("Mean", "ML only")]
     assert [axis.get_title() for axis in panels[: len(estimating)]] == estimating
@@ -207,10 +245,16 @@ def test_long_units_of_many_methods_do_not_collide(tmp_path, drawn, monkeypatch)
 
 def test_methods_without_parameters_get_a_note(tmp_path, drawn):
     parameters.parameters({"mean": write_forecasts(tmp_path)["mean"]}, [tmp_path / "a.png"])
-    dots.parameter_errors(write_metrics(tmp_path, labels=("Mean", "ML only")), [tmp_path / "b.png"], PlotJob(labels=[]))
+    tables = tables_of(write_metrics(tmp_path, labels=("Mean", "ML only")))
+    dots.parameter_errors(tables, [tmp_path / "b.png"], PlotJob(labels=[]))
     assert [figure.texts[0].get_text() for figure in drawn] == ["no method estimates parameters"] * 2
     assert (tmp_path / "a.png").is_file()
     assert (tmp_path / "b.png").is_file()
+    rows = pd.read_csv(tables[0])
+    unknown = rows[rows["metric"] == "log_mse_sum"].assign(metric="relative_error", n=0, of=0, mean=np.nan)
+    pd.concat([rows, unknown]).to_csv(tables[0], index=False)
+    dots.parameter_errors(tables, [tmp_path / "b.png"], PlotJob(labels=[]))
+    assert drawn[-1].texts[0].get_text() == "the true parameters are not known"
 
 
 def test_estimates_outside_are_counted(tmp_path, drawn):
@@ -219,7 +263,22 @@ def test_estimates_outside_are_counted(tmp_path, drawn):
     arrays["test_z_e_hat"][:] = 50
     np.savez(paths["hybrid"], **arrays)
     parameters.parameters(paths, [tmp_path / "p.png"])
-    assert [text.get_text() for text in drawn[-1].axes[0].texts] == ["50 % outside"]
+    (told,) = drawn[-1].axes[0].texts
+    assert told.get_text() == "50 % outside" and told.get_position()[1] > 1, "above the panel"
+    assert_nothing_is_cut(drawn[-1])
+
+
+def test_filled_marks_are_the_shifted_sets_as_in_dots(tmp_path, drawn):
+    parameters.parameters(write_forecasts(tmp_path, labels=("Hybrid",)), [tmp_path / "p.png"])
+    looks = {
+        text.get_text(): line
+        for text, line in zip(drawn[-1].legends[0].get_texts(), drawn[-1].legends[0].legend_handles, strict=True)
+    }
+    assert looks["test (OOD)"].get_markerfacecolor() != "none"
+    assert looks["validation (set of choices)"].get_markerfacecolor() == "none"
+    for name, (marker, face) in dots.LOOKS.items():
+        if name in ("validation", "iid", "test"):
+            assert parameters.MARKERS[name] == marker and (face == "own") == (name == "test")
 
 
 def test_curves(tmp_path, drawn):
@@ -234,7 +293,9 @@ def test_curves(tmp_path, drawn):
     assert_nothing_is_cut(drawn[-1])
     traces.curves(logs, [tmp_path / "c.png"], FigureReading(**pairs()), ["hybrid", "hybrid+"])
     assert len(drawn[-1].axes[0].lines) == 2
-    assert drawn[-1].get_suptitle() == "curves of 1 more are in the dashboard"
+    assert not drawn[-1].get_suptitle() and drawn[-1].axes[1].get_ylabel() == "selection score"
+    traces.curves(logs[:3], [tmp_path / "c.png"], FigureReading(**pairs()))
+    assert drawn[-1].get_suptitle() == "swing" and not any(axis.get_title() for axis in drawn[-1].axes)
     assert_nothing_is_cut(drawn[-1])
 
 
@@ -256,11 +317,11 @@ def test_labels_of_a_loss_that_falls_below_zero_do_not_collide(tmp_path, drawn):
 
 
 def test_bad_input(tmp_path):
-    metrics, paths = write_metrics(tmp_path / "m"), write_forecasts(tmp_path / "f")
+    tables, paths = tables_of(write_metrics(tmp_path / "m")), write_forecasts(tmp_path / "f")
     output = tmp_path / "x.png"
     with pytest.raises(InputError, match=r"suffix '\.svg'"):
-        dots.log_mse(metrics, [tmp_path / "x.svg"], PlotJob(labels=[]))
-    other = pd.read_csv(metrics[0]).query("set == 'test'").assign(set="held_out")
+        dots.log_mse(tables, [tmp_path / "x.svg"], PlotJob(labels=[]))
+    other = pd.read_csv(tables[0]).query("set == 'test'").assign(set="held_out")
     other.to_csv(tmp_path / "other.csv", index=False)
     with pytest.raises(InputError, match="no log_mse_sum on train, validation, iid, test"):
         dots.log_mse([tmp_path / "other.csv"], output, PlotJob(labels=[]))

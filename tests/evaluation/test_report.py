@@ -151,6 +151,18 @@ def test_what_a_laboratory_asks_comes_first(run):
     assert "<td>2.000</td><td>0.031</td><td>[1.950, 2.050]</td>" in text
 
 
+def test_a_remark_that_all_titles_end_in_is_the_banner(run):
+    results, settings = run
+    first = settings["experiments"][0] | {"title": "a swing (toy run: no numbers)"}
+    for experiments, banner in (([first], True), ([first, first | {"title": "another"}], False)):
+        job = ReportJob.from_mapping(settings | {"experiments": experiments})
+        report(results, results / "report.html", job)
+        text = (results / "report.html").read_text()
+        assert ('<p class="notice" role="note">Toy run: no numbers</p>' in text) == banner
+        assert ("<h1>Results of a swing</h1>" in text) == banner
+        Page(text)
+
+
 def test_names_are_escaped(run):
     results, settings = run
     report(results, results / "report.html", ReportJob.from_mapping(settings))

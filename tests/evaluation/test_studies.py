@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import json
+import re
+
+import numpy as np
 import pandas as pd
 import pytest
-from fake_runs import write_metrics
+from fake_runs import tables_of, write_metrics, write_samples
 
+from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.evaluation import studies
-from expertaug.evaluation.dots import overview
+from expertaug.evaluation.dots import LOOKS, overview
 from expertaug.evaluation.settings import OverviewJob, StudyJob
 from expertaug.evaluation.studies import study
+from expertaug.evaluation.tabulate import tabulate
 
 COLUMNS = ["experiment", "system", "method", "label", "preset", "seed", "set", "metric", "value"]
 SHIFTS = {
@@ -49,6 +55,7 @@ def test_shifts(tmp_path, drawn):
         "labels": list(labels.items()),
         "options": SHIFTS,
         "sets": ranges,
+        "units": {"alpha": "1/s"},
     }
     study([path], outputs(tmp_path), StudyJob.from_mapping(settings))
     text = (tmp_path / "study.md").read_text()
@@ -62,7 +69,29 @@ def test_shifts(tmp_path, drawn):
         pytest.approx([1.6, 1.8]),
     ]
     assert right.get_title() == "$z_a$ and $z_e$ shifted"
-    assert left.get_xticklabels()[1].get_text() == "small\n$\\alpha$: 0.3\nto 0.6"
+    assert left.get_xticklabels()[1].get_text() == "small\n$\\alpha$: 0.3 to\n0.6 1/s"
+
+
+def test_bars_are_the_tables_intervals(tmp_path, drawn):
+    """Of seeds and samples, as the experiment's own table has them; none of what no samples are kept."""
+    path = write(tmp_path / "m.csv", {"hybrid": "Hybrid"}, ("validation", "test", "near", "both"))
+    errors = {s: np.exp(np.random.default_rng(3).normal(size=(2, 40))) for s in ("validation", "near")}
+    samples = write_samples(tmp_path / "f.npz", "hybrid", (0, 1), errors, preset="paper")
+    settings = READING | {"study": "out_of_expertise", "labels": [["hybrid", "Hybrid"]], "options": SHIFTS}
+    study([path], outputs(tmp_path), StudyJob.from_mapping(settings), [samples])
+    tabulate([path], [tmp_path / "t_long.csv"], forecasts=[samples])
+    table = pd.read_csv(tmp_path / "t_long.csv").query("metric == 'log_mse_sum'").set_index("set")
+    left, right = (axis.containers[0].lines[2][0].get_segments() for axis in drawn[0].axes)
+    for bar, name in zip(left, ("validation", "near"), strict=True):
+        assert list(bar[:, 1]) == pytest.approx(list(table.loc[name, ["low", "high"]]))
+        assert np.ptp(bar[:, 1]) > 0
+    assert all(np.ptp(bar[:, 1]) == 0 for bar in right)
+    assert drawn[0].get_suptitle() == "swing"
+    row = next(line for line in (tmp_path / "study.md").read_text().splitlines() if "z_a shifted | small" in line)
+    assert row.endswith("] |") and "95 % interval, for which samples" in (tmp_path / "study.md").read_text()
+    given, told = tmp_path / "told.md", json.dumps(settings)
+    assert main(["study", str(path), str(samples), "--output", str(given), "--settings", told]) == 0
+    assert given.read_text() == (tmp_path / "study.md").read_text(), "the command takes both kinds of files"
 
 
 def test_horizons(tmp_path, drawn):
@@ -104,7 +133,9 @@ def test_widths_of_methods_with_priors_of_their_own(tmp_path, drawn):
     table = (tmp_path / "study.md").read_text()
     assert "| one + | w ∈ [1, 3] |" in table and "| two + | w ∈ [2, 3] |" in table
     ticks = [tick.get_text() for tick in drawn[0].axes[0].get_xticklabels()]
-    assert ticks == ["none", "default\n", "wide\n[0, 9]"], "the axis cannot say what differs"
+    assert ticks == ["none", "default\n", "wide\n0 to 9"], "the axis cannot say what differs"
+    markers = {handle.get_label(): handle.get_marker() for handle in drawn[0].legends[0].legend_handles}
+    assert {LOOKS[name][0] for name in ("validation", "test")} == set(markers.values()) - {"None", ""}
 
 
 def test_during_training(tmp_path, drawn):
@@ -113,10 +144,17 @@ def test_during_training(tmp_path, drawn):
     options = {"method": "hybrid", "epochs": [1, 10], "finetune_epochs": [1, 10]}
     settings = READING | {"study": "during_training", "labels": [["hybrid", "Hybrid"]], "options": options}
     study([path], outputs(tmp_path), StudyJob.from_mapping(settings))
-    assert "| 10 | – | 0.53 ± 0.71 |" in (tmp_path / "study.md").read_text()
-    lines = drawn[0].axes[0].containers
-    assert len(lines) == 9 and list(lines[6].lines[0].get_ydata()) == pytest.approx([0.7, 0.73])
-    assert [line.lines[0].get_marker() for line in lines[:3]] == ["o", "s", "*"]
+    text = (tmp_path / "study.md").read_text()
+    cell = re.search(r"\| 10 \| – \| 0.53 \[(.*?), (.*?)\]", text)  # Student's t of two seeds, one apart
+    low, high = (float(end.replace("−", "-")) for end in cell.groups())
+    assert high - 0.53 == pytest.approx(0.5 * 12.7, rel=0.2) and low - 0.53 == pytest.approx(-0.5 * 12.7, rel=0.2)
+    assert "95 % interval, that their spread gives" in text
+    bars = drawn[0].axes[0].containers[0].lines[2][0].get_segments()
+    assert np.ptp(bars[1][:, 1]) == pytest.approx(high - low, abs=0.02)
+    panels = [axis.containers for axis in drawn[0].axes]
+    assert [len(lines) for lines in panels] == [3, 3, 3], "a panel a set"
+    assert list(panels[2][0].lines[0].get_ydata()) == pytest.approx([0.7, 0.73])
+    assert [line.lines[0].get_marker() for line in panels[0]] == ["o", "s", "*"]
     with pytest.raises(InputError, match="no column 'epoch'"):
         study(
             [write(tmp_path / "n.csv", {"hybrid": "Hybrid"}, ("test",))],
@@ -146,10 +184,12 @@ def test_overview(tmp_path, drawn):
     one["opponents"] = ["mean"]
     other = one | {"name": "double_swing", "shifted": None, "convention": "dim", "title": "two swings", "opponents": []}
     settings = {"experiments": [one, other], "hues": [["mean", 0], ["hybrid", 1]]}
-    overview(metrics, tmp_path / "figures", OverviewJob.from_mapping(settings))
+    overview(tables_of(metrics), tmp_path / "figures", OverviewJob.from_mapping(settings))
     names = {f"{name}.{end}" for name in ("log_mse", "parameter_errors", "za_shifted") for end in ("png", "pdf")}
     assert {path.name for path in (tmp_path / "figures").iterdir()} == names
     left, right = drawn[0].axes
+    assert left.get_xlabel() == right.get_xlabel() == "log-MSE (lower is better)"
     assert (marks(left), marks(right)) == (6, 4), "two sets, Hybrid and Hybrid+; on the left Mean beside them"
     assert left.get_title().startswith("swing (summed") and right.get_title().startswith("two swings (averaged")
     assert len(drawn[2].axes) == 1 and marks(drawn[2].axes[0]) == 3
+    assert not drawn[2].legends, "of one set"

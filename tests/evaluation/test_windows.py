@@ -12,6 +12,7 @@ from expertaug.evaluation.coverage import coverage
 from expertaug.evaluation.distance import beyond, distance
 from expertaug.evaluation.settings import WindowStudyJob
 from expertaug.evaluation.windows import read_windows
+from expertaug.hues import EQUATION
 
 N, S = 400, 2
 RANGE = {"omega0": [1.5, 3.1]}
@@ -91,28 +92,47 @@ def test_the_expected_error_is_that_of_the_refined_version_where_there_is_one(tm
     assert "AUROC, expected error" in outputs[1].read_text(encoding="utf-8")
 
 
-def test_an_alarm_is_drawn_of_a_traced_version_first(tmp_path, drawn):
-    files = [fake(tmp_path / f"{k}.npz", method, [0, 1]) for k, method in enumerate(("a+", "b+", "c"))]
-    labels = {"labels": [["a+", "A+"], ["b+", "B+"], ["c", "C"]]}
-    for traced, shown in (["a+", "b+"], "A+"), (["c", "b+"], "B+"), (["c"], "A+"):
-        alarm(files, [tmp_path / "alarm.png"], WindowStudyJob.from_mapping(SETTINGS | labels | {"traced": traced}))
-        assert f"of {shown}, seed 0" in drawn[-1].get_suptitle()
+def test_alarms_of_all_versions_are_drawn_but_what_cannot_be_judged(tmp_path, drawn):
+    """Not the floor's, nor a constant score's, nor those of a version of which hardly a window fails."""
+    sound = {f"{name}_errors": np.full((2, N), 1e-9) for name in ("iid", "test")}
+    still = {f"{name}_z_e_hat": np.ones((2, N, 1)) for name in ("validation", "iid", "test")}
+    made = {"truth": None, "a+": None, "b": still, "fine": sound}
+    files = [fake(tmp_path / f"{name}.npz", name, [0, 1], spoiled=spoiled) for name, spoiled in made.items()]
+    settings = SETTINGS | {"labels": [[name, name.upper()] for name in made], "floor": "truth"}
+    alarm(files, [tmp_path / "alarm.png", tmp_path / "alarm.csv"], WindowStudyJob.from_mapping(settings))
+    (figure,) = drawn
+    left, right = figure.axes
+    names = [tick.get_text().split("\n") for tick in left.get_yticklabels()]
+    assert [name for name, _ in names] == ["A+", "B"] and names[0][1].endswith(f"of {2 * N} fail)")
+    marks = [line for line in left.lines if line.get_marker() not in ("", "None")]
+    assert len(marks) == 3 + 1, "misfit, spread and density of A+; of B, whose estimates are constant, its misfit"
+    table = pd.read_csv(tmp_path / "alarm.csv").query("set == 'test' and method == 'a+' and score == 'misfit'")
+    assert marks[0].get_xdata()[0] == pytest.approx(table["auroc"].mean())
+    low, high = next(line.get_xdata() for line in left.lines if len(set(line.get_xdata())) == 2)
+    assert low < table["auroc"].min() and high <= 1
+    assert right.get_xlabel().endswith("[%]") and figure.get_suptitle() == "e: alarms, test (OOD)"
+    colours = {mark.get_color() for mark in marks}
+    alarm(files[2:], [tmp_path / "alarm.png"], WindowStudyJob.from_mapping(settings))
+    assert drawn[-1].axes[0].lines[1].get_color() in colours, "a score's colour is its own"
+    alarm(files[3:], [tmp_path / "alarm.png"], WindowStudyJob.from_mapping(settings))
+    assert drawn[-1].texts[0].get_text().startswith("No score can be judged")
 
 
-def test_an_alarm_is_drawn_of_a_version_whose_first_seed_fails_somewhere(tmp_path, drawn):
-    fine = fake(tmp_path / "fine.npz", "a+", [0, 1])
-    with np.load(fine) as arrays:
-        errors = arrays["test_errors"].copy()
-        errors[0] = arrays["validation_errors"][0].min()
-        pooled = {"iid_errors": np.stack((np.full(N, errors[0, 0]), arrays["iid_errors"][1])), "test_errors": errors}
-    fine = fake(tmp_path / "fine.npz", "a+", [0, 1], spoiled=pooled)
-    files = [fine, fake(tmp_path / "b.npz", "b+", [0, 1])]
-    alarm(
-        files,
-        [tmp_path / "alarm.png"],
-        WindowStudyJob.from_mapping(SETTINGS | {"labels": [["a+", "A+"], ["b+", "B+"]]}),
-    )
-    assert "of B+, seed 0" in drawn[-1].get_suptitle()
+def test_coverage_of_all_versions_is_drawn_but_the_floors(tmp_path, drawn):
+    """A share of windows within an interval at each level, the mean over seeds."""
+    names = ("truth", "a+~flow", "b~refined")
+    files = [
+        fake(tmp_path / f"{name}.npz", name, [0, 1], width) for name, width in zip(names, (1, 1, 0.3), strict=True)
+    ]
+    settings = SETTINGS | {"labels": [[name, name] for name in names], "floor": "truth"}
+    coverage(files, [tmp_path / "coverage.png", tmp_path / "coverage.csv"], WindowStudyJob.from_mapping(settings))
+    panels = drawn[0].axes
+    assert [axis.get_title() for axis in panels] == ["the model's own windows", "IID test", "test (OOD)"]
+    assert [len(axis.lines) for axis in panels] == [3, 3, 3]
+    table = pd.read_csv(tmp_path / "coverage.csv").query("set == 'test' and parameter == 'omega0' and not pooled")
+    for line, name in zip(panels[2].lines[1:], names[1:], strict=True):
+        at = line.get_ydata()[list(line.get_xdata()).index(90.0)]
+        assert at == pytest.approx(100 * table.set_index("method").loc[name, "coverage_90"])
 
 
 def test_few_validation_windows_promise_the_share_that_they_can(files, tmp_path):
@@ -178,6 +198,26 @@ def test_curves_by_distance(files, tmp_path):
     table = pd.read_csv(outputs[0])
     assert np.allclose(table.query("method == 'a'")["skill"], 0)
     assert np.allclose(table.query("method == 'a+~flow'")["skill"], 1)
+
+
+def test_curves_have_seven_lines_with_the_true_equation(tmp_path, drawn):
+    names = [*(f"m{k}" for k in range(9)), "truth"]
+    files = [fake(tmp_path / f"{name}.npz", name, [0, 1]) for name in names]
+    job = CURVES | {"labels": [[name, name] for name in names], "floor": "truth"}
+    distance(files, [tmp_path / "distance.png"], WindowStudyJob.from_mapping(job))
+    log_mse = drawn[0].axes[0]
+    assert len(log_mse.lines) == 7
+    assert drawn[0].axes[0].lines[-1].get_color() == EQUATION
+
+
+def test_a_true_equation_far_below_leaves_the_panel_to_the_others(files, tmp_path, drawn):
+    sets = ("validation", "iid", "test")
+    far = {f"{name}_errors": np.full((2, N), 1e-20) for name in sets}
+    path = fake(tmp_path / "truth.npz", "truth", [0, 1], spoiled=far)
+    job = CURVES | {"labels": [*LABELS, ["truth", "True equation"]], "floor": "truth"}
+    distance([*files, path], [tmp_path / "distance.png"], WindowStudyJob.from_mapping(job))
+    axis = drawn[0].axes[0]
+    assert axis.get_ylim()[0] > -10 and [text.get_text() for text in axis.texts] == ["True equation: −46"]
 
 
 def test_curves_by_the_distance_of_z_a_too(tmp_path):

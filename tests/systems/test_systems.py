@@ -28,6 +28,14 @@ def pendulum_data(size=50, noise=0.0, alpha=(0.0, 0.6), omega0=(1.5, 3.1)):
     return SimulatedData.from_mapping({"seed": 0, "step_s": 0.1, "t2_s": 20.0, "noise": noise, "sets": sets})
 
 
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_units_of_parameters_are_the_systems_own(name):
+    given = {"constants": {"B1": 0.1, "G1": 69.0, "B2": 1.3, "G2": 93.0}} if name == "double_pendulum" else {}
+    system = systems.load({"name": name} | given)
+    parameters = (*system.expert_parameters, *system.interaction_parameters)
+    assert {p.name: p.unit for p in parameters if p.unit} == SYSTEMS[name].UNITS
+
+
 def test_undamped_pendulum_keeps_its_energy():
     data = sample(systems.load({"name": "pendulum"}), pendulum_data(alpha=(0.0, 0.0)), "train")
     theta, speed = data.y[..., 0].astype(float), data.y[..., 1].astype(float)

@@ -71,7 +71,7 @@ rule tabulate_experiment:
 
 rule plot_experiment:
     input:
-        metrics=of_versions("metrics.csv"),
+        table=results("tables/{experiment}_long.csv"),
         forecasts=of_versions("forecasts.npz"),
         models=of_versions("model.safetensors", FILES.logged),
     output:
@@ -93,7 +93,7 @@ rule plot_experiment:
     message:
         "plot {wildcards.experiment}"
     shell:
-        "expertaug plot {input.metrics:q} --forecasts {params.forecasts:q} --logs {params.logs:q}"
+        "expertaug plot {input.table:q} --forecasts {params.forecasts:q} --logs {params.logs:q}"
         " --output {params.prefix:q} --settings {params.settings:q} --log {log:q}"
 
 
@@ -143,7 +143,7 @@ if OVERVIEWS:
 
     rule plot_overview:
         input:
-            metrics=[FILES.of_versions(e["name"], FILES.compared(e["name"]), "metrics.csv") for e in OVERVIEW],
+            tables=[results(f"tables/{e['name']}_long.csv") for e in OVERVIEW],
         output:
             [overview_figure(name, title) for name, title in OVERVIEWS.items()],
         log:
@@ -158,4 +158,4 @@ if OVERVIEWS:
         message:
             "plot all experiments"
         shell:
-            "expertaug overview {input.metrics:q} --output {params.folder:q} --settings {params.settings:q} --log {log:q}"
+            "expertaug overview {input.tables:q} --output {params.folder:q} --settings {params.settings:q} --log {log:q}"

@@ -96,7 +96,7 @@ def course(model: TrainedModel, metrics: Sequence[str] = ("loss", "validation_sc
 
     Arguments:
         model: of :func:`expertaug.fit` or :func:`expertaug.finetune`; a file does not keep the course.
-        metrics: of ``model.history``; ``validation_score`` is the log mean squared error that selects.
+        metrics: of ``model.history``; ``validation_score`` is the selection score.
 
     Raises:
         InputError: the model has no such metric.
@@ -112,7 +112,7 @@ def course(model: TrainedModel, metrics: Sequence[str] = ("loss", "validation_sc
         for axis, name in zip(axes, metrics, strict=True):
             for seed, part in model.history[model.history["metric"] == name].groupby("seed"):
                 axis.plot(part["step"], part["value"], label=f"seed {seed}")
-            axis.set(xlabel="step", ylabel=name.replace("_", " "))
+            axis.set(xlabel="step", ylabel=traces.METRICS.get(name, name.replace("_", " ")))
         plotting.legend(figure, axes[0].get_lines())
     return figure
 

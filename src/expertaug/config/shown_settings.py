@@ -10,7 +10,8 @@ from typing import Any
 
 from expertaug.config.jobs import estimating, found_priors, label, place_on, seed_groups, starts, studied, variants
 from expertaug.config.models import Augmentation, Configuration, Experiment, OutOfExpertise
-from expertaug.hues import assigned
+from expertaug.hues import FLOOR, OWN, assigned
+from expertaug.systems.settings import SYSTEMS
 from expertaug.versions import Version, base
 
 TRACED = 6  # lines of one figure
@@ -27,6 +28,7 @@ def study(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
         "hues": hues(config, studied(config, experiment, name)),
         "sets": {k: simulated.dump() for k, simulated in settings.data.simulated.items()},
         "classical": _classical(config, experiment),
+        "units": SYSTEMS[system].UNITS if (system := settings.system["name"]) in SYSTEMS else {},
         **reading(config, experiment),
     }
     if name == "prior_width":
@@ -247,11 +249,13 @@ def reading(config: Configuration, experiment: str) -> dict[str, Any]:
 
 
 def hues(config: Configuration, versions: Iterable[str] | None = None) -> list[tuple[str, int]]:
-    """The hue of each method, or of those of some versions, in the configuration's order, points of grids aside: those
-    of one experiment differ."""
+    """The hue of each method, or of those of some versions, in the configuration's order, points of grids aside: of the
+    default configuration's methods their own, of others one that is free in their experiments."""
     names = [name for name in config.methods if "@" not in name]
-    by_experiment = [[base(name) for name in one.methods] for one in config.experiments.values()]
-    found = assigned([*([name] for name in names), *by_experiment])
+    by_experiment = [[base(name) for name in config.experiments[one].methods] for one in config.run]
+    floors = {name: FLOOR for name in names if config.methods[name].truth}
+    own = {name: hue for name, hue in OWN.items() if name in names and (hue != FLOOR or name in floors)}
+    found = assigned([*by_experiment, *([name] for name in names)], own | floors)
     shown = names if versions is None else set(map(base, versions))
     return [(name, found[name]) for name in names if name in shown]
 

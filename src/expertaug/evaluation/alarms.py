@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation.diagnostic_figures import draw_alarm
+from expertaug.evaluation.intervals import of_seeds as interval_of_seeds
 from expertaug.evaluation.settings import Titles, WindowStudyJob
 from expertaug.evaluation.summary import mean_of
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import VersionWindows, WindowSet, read_windows
 from expertaug.inference.diagnostics.alarm import FAILING, Assessment, assess, attainable, ensemble_spread
 from expertaug.rows import frame, grouped
-from expertaug.versions import REFINED, Version
+from expertaug.versions import LINES, REFINED
 
 KNOWN, IID = "validation", "iid"
 SCORES = {
@@ -26,6 +28,14 @@ SCORES = {
     "spread": "spread of seeds",
     "density": "density of estimates",
 }
+LOOKS = {
+    score: {"color": plotting.HUES[hue], "marker": marker, "markersize": 4, "linestyle": ""}
+    for score, hue, marker in (("misfit", 5, "o"), ("expected", 6, "s"), ("spread", 7, "^"), ("density", 2, "D"))
+}
+CHANCE = {"color": "0.35", "linewidth": 0.9, "linestyle": ":"}
+FEWEST = 5  # windows that fail, and that do not, by which a score is judged in the figure
+UNJUDGED = f"No score can be judged: fewer than {FEWEST} test windows fail with every version, or all but so many."
+ROW, APART = 0.42, 0.17  # inches of a version's row; distance of two scores, in rows
 CAPTION = (
     f"Failing: forecasts whose squared error is above the {100 * FAILING:.0f} % quantile of the validation set's. "
     "Scores need the observed window alone: the model's misfit on it (after least squares, for refined versions), the "
@@ -56,7 +66,7 @@ class Alarm:
 
 
 def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
-    """Write the table of an experiment's alarms and draw the first version's on its test set.
+    """Write the table of an experiment's alarms and draw those on its test set.
 
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds.
@@ -91,31 +101,68 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJo
 
 
 def _draw(assessed: Mapping[str, Mapping], labels: Mapping[str, str], job: WindowStudyJob, title: str) -> Figure:
-    drawable = {v: sets for v, sets in assessed.items() if v != job.floor} or assessed
-    shown = _shown(drawable, job.traced)
-    seed, of_test = _of_first_seed(assessed[shown])
-    return draw_alarm(
-        {SCORES[score]: one for score, one in of_test.items()}, f"{title} of {labels[shown]}, seed {seed}"
-    )
+    """AUROC with its interval, and the share caught, of every version and score of the test set that can be judged."""
+    worth = {v: found for v, sets in assessed.items() if v != job.floor and (found := _judged(sets))}
+    shown = [v for v in worth if v in sorted(worth, key=lambda v: v not in job.traced)[:LINES]]
+    if not shown:
+        return plotting.note(UNJUDGED)
+    looks = {score: look for score, look in LOOKS.items() if any(score in worth[v] for v in shown)}
+    names = [f"{plotting.text(labels[v])}\n({worth[v][next(iter(worth[v]))].fails})" for v in shown]
+    with plotting.styled():
+        figure = plotting.new_figure(1.4 + ROW * len(shown))
+        left, right = figure.subplots(1, 2, sharey=True)
+        for row, v in enumerate(shown):
+            if row:
+                left.axhline(row - 0.5, color="0.88", linewidth=0.6, zorder=0)
+                right.axhline(row - 0.5, color="0.88", linewidth=0.6, zorder=0)
+            for place, (score, look) in enumerate(looks.items()):
+                y = row + (place - (len(looks) - 1) / 2) * APART
+                if (one := worth[v].get(score)) is not None:
+                    left.plot([one.low, one.high], [y, y], color=look["color"], linewidth=1.0)
+                    left.plot([one.area], [y], **look)
+                    right.plot([100 * one.caught], [y], **look)
+        left.axvline(0.5, **CHANCE)
+        left.set(xlabel="AUROC of failing windows", xlim=(0, 1.02), ylim=(len(shown) - 0.5, -0.5))
+        right.set(xlabel="failing windows with an alarm [%]", xlim=(-2, 102))
+        left.set_yticks(range(len(shown)), names)
+        for axis in (left, right):
+            axis.grid(axis="x")
+            axis.tick_params(axis="y", length=0)
+        handles = [Line2D([], [], label=SCORES[score], **look) for score, look in looks.items()]
+        plotting.legend(figure, [*handles, Line2D([], [], label="by chance", **CHANCE)])
+        plotting.heading(figure, plotting.text(f"{title}, {job.of_set('test')}"))
+    return figure
 
 
-def _shown(assessed: Mapping[str, Mapping], traced: Collection[str]) -> str:
-    """The version that the figure shows: the first with most scores, of those where some forecasts fail, augmented
-    models before others."""
-    named = {v: Version.parse(v) for v in assessed}
-    ranked = sorted(assessed, key=lambda v: (not named[v].is_augmented or bool(named[v].estimators), v not in traced))
-    scores = {}
-    for v in ranked:
-        of_test = _of_first_seed(assessed[v])[1]
-        if "misfit" in of_test and 0 < of_test["misfit"].failing.mean() < 1:
-            scores[v] = len(of_test)
-    return max(scores, key=scores.__getitem__) if scores else next(iter(assessed))
+@dataclass(frozen=True)
+class _Worth:
+    """What a score is worth on the test set: means over the seeds of which it can be judged; ``low`` and ``high`` are
+    the ends of the 95 % interval over windows and seeds."""
+
+    area: float
+    low: float
+    high: float
+    caught: float
+    fails: str
 
 
-def _of_first_seed(assessed: Mapping[tuple[str, str, int], Assessment]) -> tuple[int, dict[str, Assessment]]:
-    """A version's first seed, and its assessments on the test set by score."""
-    first = next(iter(assessed))[2]
-    return first, {score: one for (name, score, seed), one in assessed.items() if name == "test" and seed == first}
+def _judged(sets: Mapping[tuple[str, str, int], Assessment]) -> dict[str, _Worth]:
+    """By score; without those that are constant, or where too few windows fail, or too few do not."""
+    found = {}
+    for score in SCORES:
+        of_seeds = [one for (name, of, _), one in sets.items() if (name, of) == ("test", score)]
+        told = [
+            one for one in of_seeds if min(one.area.failing, one.area.others) >= FEWEST and len(set(one.scores)) > 1
+        ]
+        if told:
+            values, lows, highs = np.array([(one.area.value, one.area.lower, one.area.upper) for one in told]).T
+            mean, seeds = float(values.mean()), interval_of_seeds(values)
+            below, above = (np.nan_to_num(end) for end in (mean - seeds.low, seeds.high - mean))
+            low, high = mean - np.hypot(mean - lows.mean(), below), mean + np.hypot(highs.mean() - mean, above)
+            fails = f"{np.mean([one.area.failing for one in told]):.0f} of {len(told[0].failing)} fail"
+            caught = mean_of(one.caught for one in told)
+            found[score] = _Worth(mean, float(max(low, 0.0)), float(min(high, 1.0)), caught, fails)
+    return found
 
 
 def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[tuple[str, str, int], Assessment]:

@@ -8,17 +8,20 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from expertaug import plotting
-from expertaug.evaluation.diagnostic_figures import draw_calibration
+from expertaug.evaluation.diagnostic_figures import IDEAL, LEVELS
 from expertaug.evaluation.forecasts import OWN
 from expertaug.evaluation.settings import Titles, WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import Drawn, VersionWindows, read_windows
 from expertaug.inference.diagnostics.calibration import TABLE_LEVELS, Calibration, area_to_curve, interval_coverage
 from expertaug.rows import frame
-from expertaug.versions import Version
+from expertaug.versions import LINES, Version
 
 EMPTY = "No version has intervals of parameters that are known (those of forecasts: see the experiment's table)."
 FORECAST = "forecast"  # in the place of a parameter
@@ -66,7 +69,7 @@ class Covered:
 
 
 def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
-    """Write the table of an experiment's coverage and draw the calibration of one version.
+    """Write the table of an experiment's coverage and draw it.
 
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds.
@@ -83,14 +86,53 @@ def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStud
 
 
 def _draw(versions: Mapping[str, VersionWindows], job: WindowStudyJob, title: str) -> Figure:
-    """The calibration of the first flow, or of the first version that has a distribution."""
-    if not versions:
+    """Share of the true parameters within central intervals against what these claim: a panel for each kind of
+    windows, a line for each version, the mean over parameters and seeds."""
+    able = [v for v in versions if v != job.floor]
+    first = sorted(able, key=lambda v: (not Version.parse(v).is_flow, v not in job.traced))[:LINES]
+    shown = [v for v in able if v in first]
+    if not shown:
         return plotting.note(EMPTY)
-    shown = next((v for v in versions if Version.parse(v).is_flow), next(iter(versions)))
-    version = versions[shown]
-    drawn = {OWN_TITLE: version.own, **{job.of_set(name): version.sets[name].drawn for name in version.judged}}
-    kinds = {name: _calibration(one, 0) for name, one in drawn.items() if one is not None}
-    return draw_calibration(kinds, version.parameters, f"{title}, {job.label_of[shown]}, seed {version.seeds[0]}")
+    colours = plotting.colours(shown, dict(job.hues))
+    judged = list(dict.fromkeys(name for v in shown for name in versions[v].judged))
+    kinds = {OWN_TITLE: [versions[v].own for v in shown]}
+    kinds |= {job.of_set(name): [_drawn(versions[v], name) for v in shown] for name in judged}
+    kinds = {name: each for name, each in kinds.items() if any(one is not None for one in each)}
+    with plotting.styled():
+        figure = plotting.new_figure(3.2, min(plotting.WIDTH, 1.2 + 2.2 * len(kinds)))
+        for axis, (name, each) in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds.items(), strict=True):
+            level = np.array([0.0, *LEVELS, 1.0])
+            windows = min(one.tarp.shape[1] for one in each if one is not None)
+            spread = 1.96 * np.sqrt(level * (1 - level) / windows)
+            axis.fill_between(100 * level, 100 * (level - spread), 100 * (level + spread), color="0.88", linewidth=0)
+            axis.plot([0, 100], [0, 100], **IDEAL)
+            for v, one in zip(shown, each, strict=True):
+                if one is not None:
+                    axis.plot(
+                        100 * level, 100 * _covered(one), linewidth=1.3, **plotting.look(v, colours) | {"marker": ""}
+                    )
+            axis.set(title=name, xlabel="level of the intervals [%]", xlim=(0, 100), ylim=(0, 100))
+        figure.axes[0].set_ylabel("windows within [%]")
+        looks = {v: plotting.look(v, colours) | {"marker": ""} for v in shown}
+        handles: list[Artist] = [Line2D([], [], label=job.label_of[v], **look) for v, look in looks.items()]
+        handles += [
+            Line2D([], [], label="as claimed", **IDEAL),
+            Patch(color="0.88", label="95 % band of intervals that hold"),
+        ]
+        plotting.legend(figure, handles)
+        plotting.heading(figure, plotting.text(title))
+    return figure
+
+
+def _drawn(version: VersionWindows, name: str) -> Drawn | None:
+    return version.sets[name].drawn if name in version.sets else None
+
+
+def _covered(drawn: Drawn) -> np.ndarray:
+    """Share within the central interval of each of the levels, with 0 and 1 at the ends."""
+    each = [_calibration(drawn, k) for k in range(len(drawn.ranks))]
+    shares = np.mean([interval_coverage(c.marginal, c.draws, LEVELS).share.mean(1) for c in each], axis=0)
+    return np.concatenate([[0.0], shares, [1.0]])
 
 
 def _calibration(drawn: Drawn, seed: int) -> Calibration:

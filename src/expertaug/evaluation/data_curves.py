@@ -14,18 +14,18 @@ from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.metrics import RELATIVE_ERROR, Metric, log_mse_of
 from expertaug.evaluation.settings import DataCurvesJob
-from expertaug.evaluation.summary import TabledMean, cell_of, in_domain
+from expertaug.evaluation.summary import TabledMean, cell_of, in_domain, read_long
 from expertaug.evaluation.table import Study, Table, plain
-from expertaug.rows import frame, grouped, read_csv
-from expertaug.versions import Version
+from expertaug.hues import FLOOR
+from expertaug.rows import frame, grouped
+from expertaug.versions import LINES, Version
 
 AXES = {"samples": "training trajectories", "noise": "standard deviation of the noise"}
+UNITS = {"samples": "", "noise": " [the component's unit]"}
 CAPTION = (
     "Mean over seeds with its 95 % interval, or ± standard deviation over seeds where samples' errors are not kept. "
     "log-MSE: natural logarithm of the mean squared error of the forecast; lower is better."
 )
-WIDEST = 7  # lines of a panel
-FLOOR = {"color": "0.55", "linestyle": ":", "linewidth": 1.2}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +65,7 @@ def data_curves(tables: Sequence[Path], outputs: Sequence[Path], job: DataCurves
     """
     means: dict[str, list[TabledMean]] = {}
     for path in tables:
-        for mean in read_csv(path, TabledMean, "make it again with tabulate"):
+        for mean in read_long(path):
             means.setdefault(mean.experiment, []).append(mean)
     if missing := [name for _, points in job.axes for _, name in points if name not in means]:
         raise InputError(missing[0], "no table of this experiment", "give the long table of every point")
@@ -115,9 +115,10 @@ def _table(
 def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: DataCurvesJob, title: str) -> Figure:
     """A row of panels for what differs, a column for each set, a line for each version; the floor is dotted."""
     named = [version for version, _ in job.labels if any(point.method == version for point in points)]
-    shown = [v for v in named if v != job.floor and not Version.parse(v).is_control][:WIDEST]
-    drawn = [*shown] if job.floor is None else [*shown, job.floor]
-    colours = plotting.colours(shown, dict(job.hues))
+    floor = [v for v in named if v == job.floor]
+    shown = [v for v in named if v not in floor and not Version.parse(v).is_control][: LINES - len(floor)]
+    drawn = [*shown, *floor]
+    colours = plotting.colours(drawn, dict(job.hues) | dict.fromkeys(floor, FLOOR))
     with plotting.styled():
         figure = plotting.new_figure(0.6 + 2.3 * len(job.axes))
         axes = figure.subplots(len(job.axes), len(sets), squeeze=False, sharey="row")
@@ -128,26 +129,21 @@ def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: Dat
             for axis, name in zip(row, sets, strict=True):
                 for place, version in enumerate(drawn):
                     own = lines.get((along, name, version), [])
-                    look = _look(version, colours) if version in colours else FLOOR
-                    _line(axis, values, own, look, 0.16 * (place / len(shown) - 0.5) if version in colours else 0.0)
+                    aside = 0.0 if version in floor else 0.16 * (place / len(shown) - 0.5)
+                    _line(axis, values, own, plotting.look(version, colours), aside)
                 axis.set_xticks(range(len(values)), [f"{value:g}" for value in values])
-                axis.set_xlabel(AXES[along])
+                axis.set_xlabel(AXES[along] + UNITS[along])
                 axis.grid(axis="y")
             row[0].set_ylabel("log-MSE (lower is better)")
         for axis, name in zip(axes[0], sets, strict=True):
             axis.set_title(plotting.text(job.of_set(name)))
-        plotting.heading(figure, f"{title}; squared error {job.convention_text}; 95 % intervals")
+        plotting.heading(figure, title)
         each = [zip(*axis.get_legend_handles_labels(), strict=True) for axis in axes.flat]
         handles = {text: handle for panel in each for handle, text in panel}  # a panel may lack a version
         for text, handle in handles.items():
             handle.set_label(plotting.text(text))
         plotting.legend(figure, list(handles.values()))
     return figure
-
-
-def _look(version: str, colours: dict) -> dict:
-    look = {"linestyle": plotting.dash(version), "marker": plotting.marker(version), "markersize": 3}
-    return {"color": colours[version], "elinewidth": 0.8, "capsize": 1.6, **look}
 
 
 def _line(axis: Axes, values: Sequence[float], points: Sequence[Point], look: dict, aside: float) -> None:
@@ -157,4 +153,5 @@ def _line(axis: Axes, values: Sequence[float], points: Sequence[Point], look: di
         return
     ends = np.nan_to_num([[point.mean - point.low for point in good], [point.high - point.mean for point in good]])
     places = [values.index(point.value) + aside for point in good]
-    axis.errorbar(places, [point.mean for point in good], ends, label=good[0].label, **look)
+    bars = {"elinewidth": 0.8, "capsize": 1.6}
+    axis.errorbar(places, [point.mean for point in good], ends, label=good[0].label, **look, **bars)

@@ -109,7 +109,7 @@ def draw_alarm(scores: Mapping[str, Assessment], title: str = "") -> Figure:
         left.set(xlim=(-0.02, 1), ylim=(0, 1.02))
         right.set(xlabel="share of the windows kept", ylabel="squared error of those kept", xlim=(0, 1.01))
         right.set(title="the most suspicious refused first")
-        plotting.log_scaled(right)
+        plotting.plain_log(right)
         for axis in (left, right):
             axis.grid()
         dot = {"linestyle": "", "marker": "o", "markersize": 4, "color": "0.3"}

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator, StrMethodFormatter
 from torch import Tensor
 
 from expertaug import plotting
@@ -197,6 +199,8 @@ CAPTION = (
     "Correlation: of the two over recordings."
 )
 TITLE = "loss of energy"
+DIAGONAL = {"color": "0.6", "linewidth": 0.8, "zorder": 1}
+WIDE = 3.0  # times the measured loss, above which an axis is no longer linear
 THREE_DIGITS = Metric("dissipated", "dissipated")
 
 
@@ -276,25 +280,41 @@ def draw(losses: Sequence[Loss], job: DissipationJob) -> Figure:
                 part = [loss for loss in losses if (loss.expert, loss.set) == (expert, name)]
                 measured = [loss.measured for loss in part if not np.isnan(loss.measured)]
                 ends = [min([0.0, *measured]), max(measured, default=np.nan)]
-                axis.plot(ends, ends, color="0.6", linewidth=0.8, zorder=1)
+                axis.plot(ends, ends, **DIAGONAL)
                 for version, look in looks.items():
                     own = grouped((loss for loss in part if loss.method == version), lambda loss: loss.recording)
                     x = [mean_of(loss.measured for loss in each) for each in own.values()]
                     axis.plot(x, [mean_of(loss.dissipated for loss in each) for each in own.values()], **look)
+                _scale(axis, ends, [loss.dissipated for loss in part])
                 title = job.of_set(name)
-                axis.set_title(title if len(experts) == 1 else f"{title}, expert {expert.replace('_', ' ')}")
+                axis.set_title(title if len(experts) == 1 else f"{title},\nexpert {expert.replace('_', ' ')}")
+                axis.set_xlabel("measured loss [s⁻³]")
                 axis.grid()
             row[0].set_ylabel("dissipated by the model [s⁻³]")
-        for axis in panels[-1]:
-            axis.set_xlabel("measured loss [s⁻³]")
         handles = [Line2D([], [], label=label, **looks[version]) for version, label in labels.items()]
-        plotting.legend(figure, handles)
-        title = job.of_experiment(job.experiment)
-        plotting.heading(figure, f"{title}: loss of energy per inertia; a point is a recording, mean over seeds")
+        plotting.legend(figure, [*handles, Line2D([], [], label="as measured", **DIAGONAL)])
+        plotting.heading(figure, f"{job.of_experiment(job.experiment)}: loss of energy per inertia")
     return figure
 
 
+def _scale(axis: Axes, measured: Sequence[float], dissipated: Sequence[float]) -> None:
+    """Linear as far as the measured loss goes; beyond logarithmic where a model dissipates many times that."""
+    known = np.abs([value for value in dissipated if np.isfinite(value)])
+    most = max(map(abs, measured))
+    if len(known) and np.isfinite(most) and 0 < WIDE * most < known.max():
+        axis.set_yscale("symlog", linthresh=most, linscale=2.0)
+        axis.set_yticks(_ticks(most, known.max()))
+        axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.yaxis.set_minor_locator(NullLocator())
+
+
+def _ticks(linear: float, most: float) -> list[float]:
+    """Zero, the end of the linear part, and powers of ten beyond it, to both sides."""
+    end = float(f"{linear:.1g}")
+    beyond = [10.0**k for k in range(int(np.ceil(np.log10(3 * end))), int(np.ceil(np.log10(most))) + 1)]
+    return [*(-value for value in reversed([end, *beyond])), 0.0, end, *beyond]
+
+
 def _look(version: str, colour: object) -> dict:
-    """A point; hollow where estimates are refined."""
-    filled = "none" if Version.parse(version).is_refined else colour
-    return {"color": colour, "marker": "o", "markersize": 3.2, "markerfacecolor": filled, "linestyle": "none"}
+    """A point; a square where estimates are refined."""
+    return {"color": colour, "marker": plotting.marker(version), "markersize": 3.2, "linestyle": "none"}

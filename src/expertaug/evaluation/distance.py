@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
 
 from expertaug import plotting
 from expertaug.errors import InputError
@@ -16,11 +17,14 @@ from expertaug.evaluation.alarms import KNOWN
 from expertaug.evaluation.settings import WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import VersionWindows, WindowSet, read_windows
+from expertaug.hues import FLOOR
 from expertaug.inference.diagnostics.alarm import attainable, threshold
 from expertaug.rows import frame, grouped
-from expertaug.versions import compared
+from expertaug.versions import LINES, compared
 
 SINGLE = 1e-6  # of a value: what rounding to single precision moves it by, and more
+ROOM = 2.0  # of the range of the versions shown: a floor within it is in the panel
+WORST = -2.0  # skill below which an axis is logarithmic
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one
 CAPTION = (
     "Distance: how far the true z_e of a window lies beyond the training range, in widths of that range, the largest "
@@ -180,8 +184,9 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
     """A panel a metric, a line a version: those that people choose between."""
     floor = job.floor
     named = list(dict.fromkeys(bin_.method for bin_ in bins))
-    chosen = compared([v for v in named if v != floor], job.classical)
-    colours = plotting.colours(chosen, dict(job.hues))
+    chosen = compared([v for v in named if v != floor], job.classical, LINES - (floor in named))
+    drawn = [*chosen, floor] if floor in named else chosen
+    colours = plotting.colours(drawn, dict(job.hues) | ({} if floor is None else {floor: FLOOR}))
     with plotting.styled():
         shifted = list(dict.fromkeys(bin_.of for bin_ in bins))
         figure = plotting.new_figure(4.6 if len(shifted) == 1 else 7.6)
@@ -191,17 +196,12 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
         for of, column in zip(shifted, panels, strict=True):
             block = grouped((bin_ for bin_ in bins if bin_.of == of), lambda bin_: bin_.method)
             for axis, (metric, name) in zip(column, METRICS.items(), strict=True):
-                for v in chosen:
-                    _line(axis, block.get(v, []), metric, _look(v, colours))
-                if floor in named and metric != "skill":
-                    look = {"color": "0.55", "linestyle": ":", "linewidth": 1.2, "label": "True equation"}
-                    _line(axis, block.get(floor, []), metric, look)
+                for v in chosen if metric == "skill" else drawn:  # the floor's skill is 1
+                    _line(axis, block.get(v, []), metric, plotting.look(v, colours))
                 axis.set_ylabel(name)
                 axis.grid(alpha=0.4)
-                if metric == "parameter_error":
-                    plotting.log_scaled(axis)
-                if metric == "skill":
-                    axis.set_ylim(-0.5, 1.15)
+                shown = [getattr(bin_, metric) for v in chosen for bin_ in block.get(v, [])]
+                _scale(axis, metric, shown, [getattr(bin_, metric) for bin_ in block.get(floor, [])])
         for axis in axes[-1]:
             of = shifted[0] if len(shifted) == 1 else shifted[list(axes[-1]).index(axis)]
             axis.set_xlabel(f"{plotting.text(of)} beyond the training range [its widths]")
@@ -213,18 +213,40 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
     return figure
 
 
-def _look(version: str, colours: Mapping) -> dict:
-    return {
-        "color": colours[version],
-        "linestyle": plotting.dash(version),
-        "marker": plotting.marker(version),
-        "markersize": 3,
-        "linewidth": 1.2,
-    }
+def _scale(axis: Axes, metric: str, shown: Sequence[float], floor: Sequence[float]) -> None:
+    """Limits by the versions that people choose between: a floor far below them is told in words, where it would leave
+    them little of the panel."""
+    if metric == "parameter_error":
+        plotting.plain_log(axis)
+    good, own = (np.array([value for value in each if np.isfinite(value)]) for each in (shown, floor))
+    logarithmic = axis.get_yscale() == "log"
+    good, own = (np.log(each[each > 0]) if logarithmic else each for each in (good, own))
+    if not len(good):
+        return
+    if metric == "skill" and good.min() < WORST:
+        axis.set_yscale("symlog", linthresh=1.0)
+        axis.set_ylim(2 * good.min(), max(1.0, good.max()) + 0.15)
+        axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        return
+    low, high = good.min(), good.max()
+    if len(own) and min(low, own.min()) > high - ROOM * ((high - low) or 1.0):
+        low, high = min(low, own.min()), max(high, own.max())
+    margin = 0.07 * ((high - low) or 1.0)
+    limits = np.array([low - margin, high + margin])
+    axis.set_ylim(*(np.exp(limits) if logarithmic else limits))
+    if len(own) and own.max() < limits[0]:
+        ends = np.exp([own.min(), own.max()]) if logarithmic else (own.min(), own.max())
+        texts = dict.fromkeys(_plain(end) for end in ends)
+        words = f"True equation: {' to '.join(texts)}"
+        axis.annotate(words, (0.99, 0.03), xycoords="axes fraction", ha="right", fontsize=6.5, color="0.3")
+
+
+def _plain(value: float) -> str:
+    return np.format_float_positional(float(f"{value:.2g}"), trim="-").replace("-", "−")
 
 
 def _line(axis: Axes, curve: Sequence[Bin], metric: str, look: Mapping) -> None:
     good = [bin_ for bin_ in curve if np.isfinite(getattr(bin_, metric))]
     if good:
         levels = [getattr(bin_, metric) for bin_ in good]
-        axis.plot([bin_.distance for bin_ in good], levels, **{"label": curve[0].label, **look})
+        axis.plot([bin_.distance for bin_ in good], levels, linewidth=1.2, label=curve[0].label, **look)

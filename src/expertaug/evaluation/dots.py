@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +16,8 @@ from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.metrics import RELATIVE_ERROR, RELATIVE_ERROR_OF, log_mse_of, metric_of
 from expertaug.evaluation.settings import OverviewExperiment, OverviewJob, PlotJob, Reading, Titles
-from expertaug.evaluation.summary import drawn_sets, in_domain, labels_of, order_sets, read_metrics, summarise
+from expertaug.evaluation.summary import TabledMean, drawn_sets, in_domain, labels_of, order_sets, read_long
 from expertaug.rows import grouped
-from expertaug.tracking.metrics_csv import MetricRow
 from expertaug.versions import SHOWN_SETS, base, ordered, paired
 
 ROW, LABELS = 0.165, 1.6  # inches: height of a row, width of the labels beside them
@@ -32,12 +32,12 @@ class Panel:
 
     Attributes:
         title: above it.
-        rows: of metrics.csv, of one metric.
+        rows: of long tables, of one metric.
         titles: how the sets are printed.
     """
 
     title: str
-    rows: Sequence[MetricRow]
+    rows: Sequence[TabledMean]
     titles: Titles
 
 
@@ -45,7 +45,6 @@ def draw_dots(
     panels: Sequence[Panel],
     hues: Mapping[str, int],
     axis_label: str,
-    title: str,
     logarithmic: bool = False,
     floor: str | None = None,
 ) -> Figure:
@@ -54,7 +53,6 @@ def draw_dots(
     Arguments:
         hues: of every method of the configuration, in its order.
         axis_label: of the values.
-        title: above all panels; presets and number of seeds are added.
         logarithmic: whether the values, all positive, are on such an axis.
         floor: a version at whose value on the test set a line is drawn.
     """
@@ -67,37 +65,28 @@ def draw_dots(
     heights = [0.75 + ROW * len(methods) for methods in versions]
     with plotting.styled():
         figure = plotting.new_figure(0.75 + sum(heights), plotting.WIDTH if columns > 1 else 5.2)
+        width = (figure.get_figwidth() - LABELS) / columns
         grid = figure.subplots(len(beside), columns, squeeze=False, sharey="row", height_ratios=heights)
         for axes, line, methods in zip(grid, beside, versions, strict=True):
             for axis, panel in zip(axes, line, strict=False):
                 _panel(axis, panel, methods, colours, floor)
-                axis.set_title(plotting.wrapped(panel.title, (figure.get_figwidth() - LABELS) / columns))
+                axis.set_title(plotting.wrapped(panel.title, width))
                 if logarithmic:
                     plotting.plain_log(axis, "x")
             axes[0].set_ylim(len(methods) - 0.5, -0.5)
             axes[0].set_yticks(range(len(methods)), [plotting.text(labels[m]) for m in methods])
         for axis in grid.flat[len(panels) :]:
             axis.set_axis_off()
-        lowest = [axis for axis in grid[-1] if axis.axison]
-        lowest[len(lowest) // 2].set_xlabel(axis_label)  # in the axes' room: below it comes the legend
-        presets = ", ".join(dict.fromkeys(row.preset for row in rows))
-        number = _number_of_seeds(rows)
-        plotting.heading(figure, f"{title}{'; ' if columns > 1 else chr(10)}{number}; preset {presets}")
+        for axis in grid.flat[max(0, len(panels) - columns) : len(panels)]:  # the lowest of each column
+            axis.set_xlabel(plotting.wrapped(axis_label, width))
         sets = order_sets(row.set for row in rows)
         handles = [_mark(name, "0.3", panels[0].titles) for name in sets]
         if floor in labels:
             text = f"{labels[floor]}, {panels[0].titles.of_set(sets[-1])}"
             handles.append(Line2D([], [], color="0.35", linewidth=0.9, linestyle=":", label=text))
-        plotting.legend(figure, handles)
+        if len(handles) > 1:
+            plotting.legend(figure, handles)
     return figure
-
-
-def _number_of_seeds(rows: Sequence[MetricRow]) -> str:
-    versions = grouped(rows, lambda row: (row.experiment, row.method))
-    counts = {len({row.seed for row in each}) for each in versions.values()}
-    if counts == {1}:
-        return "1 seed"
-    return f"mean ± std over {f'{counts.pop()} seeds' if len(counts) == 1 else 'all seeds'}"
 
 
 def _mark(name: str, colour: object, titles: Titles) -> Line2D:
@@ -108,8 +97,8 @@ def _mark(name: str, colour: object, titles: Titles) -> Line2D:
 
 
 def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: Mapping, floor: str | None) -> None:
-    sets, means = order_sets(row.set for row in panel.rows), summarise(panel.rows)
-    values = grouped(means, lambda mean: (mean.method, mean.set))
+    sets = order_sets(row.set for row in panel.rows)
+    values = grouped(panel.rows, lambda mean: (mean.method, mean.set))
     if floor is not None and (floor, sets[-1]) in values:
         at_floor = float(np.mean([mean.mean for mean in values[floor, sets[-1]]]))
         axis.axvline(at_floor, color="0.35", linewidth=0.9, linestyle=":")
@@ -126,8 +115,9 @@ def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: Mapping, f
                 axis.annotate("not finite", (0.01 + 0.14 * place, row), **at)
                 continue
             dark = tuple(0.75 * channel for channel in colours[method])
-            if mean.n > 1:
-                axis.errorbar(mean.mean, y, xerr=mean.std, color=dark, linewidth=0.9, capsize=1.5, zorder=3)
+            if math.isfinite(mean.low):
+                ends = [[mean.mean - mean.low], [mean.high - mean.mean]]
+                axis.errorbar(mean.mean, y, xerr=ends, color=dark, linewidth=0.9, capsize=1.5, zorder=3)
             mark = _mark(name, dark, panel.titles)
             mark.set_data([mean.mean], [y])
             mark.set_zorder(5)
@@ -137,23 +127,23 @@ def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: Mapping, f
     axis.grid(axis="x")
 
 
-def overview(metrics: Sequence[Path], output: Path, job: OverviewJob) -> None:
+def overview(tables: Sequence[Path], output: Path, job: OverviewJob) -> None:
     """Draw log_mse (paper's figure log_mse), parameter_errors (param_acc) and, where an experiment asks for it,
     za_shifted, each as .png and .pdf: a panel for each experiment, methods with their augmented versions and opponents.
 
     Arguments:
-        metrics: metrics.csv of every experiment, method and group of seeds.
+        tables: the long table of every experiment (:mod:`expertaug.evaluation.tabulate`).
         output: folder of the figures.
 
     Raises:
         InputError: a file is broken.
     """
-    rows, folder = read_metrics(metrics), Path(output)
+    rows, folder = [row for path in tables for row in read_long(path)], Path(output)
     shown = [experiment for experiment in job.experiments if experiment.shown]
 
-    def save(name: str, panels: Sequence[Panel], axis: str, note: str, logarithmic: bool = False) -> None:
+    def save(name: str, panels: Sequence[Panel], axis: str, logarithmic: bool = False) -> None:
         with plotting.styled():
-            plotting.save(draw_dots(panels, dict(job.hues), axis, note, logarithmic), folder / name)
+            plotting.save(draw_dots(panels, dict(job.hues), axis, logarithmic), folder / name)
 
     if shown:
         panels = [
@@ -162,21 +152,20 @@ def overview(metrics: Sequence[Path], output: Path, job: OverviewJob) -> None:
             )
             for experiment in shown
         ]
-        save("log_mse", panels, "log-MSE", "log-MSE, squared error summed or averaged over the observed dimensions")
+        save("log_mse", panels, "log-MSE (lower is better)")
         panels = [_panel_of(rows, experiment, RELATIVE_ERROR.name) for experiment in shown]
         panels = [panel for panel in panels if panel.rows]
         if panels:
-            note = "mean relative error of the expert parameters"
-            save("parameter_errors", panels, "relative error [%]", note, True)
+            save("parameter_errors", panels, "relative error [%] (lower is better)", True)
         else:
-            plotting.save_note("no method estimates parameters", folder / "parameter_errors")
+            plotting.save_note(_without_errors(rows), folder / "parameter_errors")
     panels = [
         _panel_of(rows, experiment, _log_mse(experiment), sets=[experiment.shifted])
         for experiment in job.experiments
         if experiment.shifted
     ]
     if panels:
-        save("za_shifted", panels, "log-MSE", "log-MSE where the interaction's parameters are shifted as well")
+        save("za_shifted", panels, "log-MSE (lower is better)")
 
 
 def _log_mse(reading: Reading) -> str:
@@ -184,7 +173,7 @@ def _log_mse(reading: Reading) -> str:
 
 
 def _panel_of(
-    rows: Sequence[MetricRow], experiment: OverviewExperiment, metric: str, sets: Sequence[str] = (), note: str = ""
+    rows: Sequence[TabledMean], experiment: OverviewExperiment, metric: str, sets: Sequence[str] = (), note: str = ""
 ) -> Panel:
     """A panel of the methods that have an augmented version, and of these versions, or of all where there is none; and
     of the opponents that never have one.
@@ -193,7 +182,7 @@ def _panel_of(
         sets: by default the set of the training's domain and the test set.
         note: behind the title.
     """
-    part = [row for row in rows if (row.experiment, row.metric) == (experiment.name, metric)]
+    part = [row for row in rows if (row.experiment, row.metric) == (experiment.name, metric) and row.of]
     sets = sets or (in_domain(row.set for row in part), "test")
     part = [row for row in part if row.set in sets]
     methods = {*paired(row.method for row in part), *experiment.opponents}
@@ -201,48 +190,53 @@ def _panel_of(
     return Panel(title, [row for row in part if row.method in methods], experiment)
 
 
-def log_mse(metrics: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJob) -> None:
-    """Draw the log-MSE of every method on every set: mean over seeds, standard deviation as error bar.
+def log_mse(tables: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJob) -> None:
+    """Draw the log-MSE of every method on every set: mean over seeds, 95 % interval as error bar.
 
     Arguments:
-        metrics: metrics.csv of every method and group of seeds; several experiments become panels.
+        tables: the long table (:mod:`expertaug.evaluation.tabulate`); those of several experiments become panels.
         outputs: .png or .pdf files, or one path without suffix for both.
 
     Raises:
         InputError: a file is broken or has no such metric.
     """
-    parts = _select(read_metrics(metrics), [_log_mse(job)])
+    parts = _select([row for path in tables for row in read_long(path)], [_log_mse(job)])
     panels = [Panel(job.of_experiment(name), part, job) for (name, _), part in parts.items()]
-    title = f"log-MSE, squared error {job.convention_text}"
     with plotting.styled():
-        figure = draw_dots(panels, dict(job.hues), "log-MSE (lower is better)", title, floor=job.floor)
+        figure = draw_dots(panels, dict(job.hues), "log-MSE (lower is better)", floor=job.floor)
         plotting.save(figure, outputs)
 
 
-def parameter_errors(metrics: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJob) -> None:
+def parameter_errors(tables: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJob) -> None:
     """Draw the relative error of the expert parameters in %, one panel per parameter; otherwise like :func:`log_mse`.
 
-    Where no method estimates parameters the figure says so.
+    Where no error is known the figure says why.
     """
-    rows = read_metrics(metrics)
-    evaluated = list(dict.fromkeys(row.metric for row in rows))
+    rows = [row for path in tables for row in read_long(path)]
+    evaluated = list(dict.fromkeys(row.metric for row in rows if row.of))
     names = [name for name in evaluated if metric_of(name).family is RELATIVE_ERROR_OF]
     names = names or [name for name in (RELATIVE_ERROR.name,) if name in evaluated]
     if not names:
-        plotting.save_note("no method estimates parameters", outputs)
+        plotting.save_note(_without_errors(rows), outputs)
         return
     panels = []
     for (experiment, metric), part in _select(rows, names).items():
         parameter, name = plotting.symbol(metric_of(metric).of), job.of_experiment(experiment)
         panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, job))
-    title, axis = "relative error of the expert parameters", "relative error [%] (lower is better)"
+    axis = "relative error [%] (lower is better)"
     with plotting.styled():
-        plotting.save(draw_dots(panels, dict(job.hues), axis, title, logarithmic=True), outputs)
+        plotting.save(draw_dots(panels, dict(job.hues), axis, logarithmic=True), outputs)
 
 
-def _select(rows: Sequence[MetricRow], metrics: Sequence[str]) -> dict[tuple[str, str], list[MetricRow]]:
-    """Rows of each experiment and of these metrics on the sets that figures show of the experiment."""
-    chosen = [row for row in rows if row.metric in metrics and row.set in SHOWN_SETS]
+def _without_errors(rows: Sequence[TabledMean]) -> str:
+    """Why no method's error of the parameters is known."""
+    unknown = any(row.metric == RELATIVE_ERROR.name for row in rows)  # a row of no seed
+    return "the true parameters are not known" if unknown else "no method estimates parameters"
+
+
+def _select(rows: Sequence[TabledMean], metrics: Sequence[str]) -> dict[tuple[str, str], list[TabledMean]]:
+    """Means of each experiment and of these metrics on the sets that figures show of the experiment."""
+    chosen = [row for row in rows if row.metric in metrics and row.set in SHOWN_SETS and row.of]
     if not chosen:
         evaluated = ", ".join(dict.fromkeys(row.metric for row in rows))
         what = f"no {' or '.join(metrics)} on {', '.join(SHOWN_SETS)}"

@@ -9,6 +9,7 @@ spread; its mean has Student's t intervals (Hartung & Knapp 2001).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from scipy import stats
 
@@ -35,6 +37,7 @@ FEWEST = 6  # windows of which a correlation time can be estimated
 ALL = "all"
 MOST = 24  # lines of a parameter's panel; of more, those of single trajectories are left out
 LINE = 0.17  # inches
+SMALL = 6.5  # font size of the names
 TICKS = 5  # at most: estimates have many digits
 EMPTY = "No version states parameters that are constants of an apparatus."
 CAPTION = (
@@ -308,7 +311,7 @@ def draw(estimates: Sequence[TabledEstimate], job: EstimatesJob, title: str) -> 
     panels = {quantity: _few(rows) for quantity, rows in shown.items()}
     colours = plotting.colours([version for version, _ in job.labels], dict(job.hues))
     heights = [len(rows) + 2.5 for rows in panels.values()]
-    figure = plotting.new_figure(LINE * sum(heights) + 0.6)
+    figure = plotting.new_figure(LINE * sum(heights) + 0.9)
     every = figure.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
     for axes, (quantity, rows) in zip(every, panels.items(), strict=True):
         for place, one in enumerate(rows):
@@ -319,14 +322,32 @@ def draw(estimates: Sequence[TabledEstimate], job: EstimatesJob, title: str) -> 
             if np.isfinite(one.high - one.low):
                 axes.plot((one.low, one.high), (place, place), color=colours[one.method], linewidth=1.3)
             axes.plot(one.value, place, linestyle="none", **look)
-        wholes = {SHARED: "all windows"}
-        names = [f"{plotting.text(one.label)}, {plotting.text(wholes.get(one.of, one.of))}" for one in rows]
-        axes.set_yticks(range(len(rows)), names)
-        axes.set(ylim=(len(rows) - 0.4, -0.6), xlabel=plotting.quantity(*quantity), xlim=_limits(rows, axes))
+        axes.set_yticks(range(len(rows)), [_named(one, rows) for one in rows], fontsize=SMALL)
+        axes.set(ylim=(len(rows) - 0.4, -0.6), xlabel=_quantity(*quantity), xlim=_limits(rows, axes))
         axes.xaxis.set_major_locator(MaxNLocator(TICKS))
         axes.grid(axis="x")
-    plotting.heading(figure, plotting.text(f"{title}. Line: 90 % interval; paler band: spread"))
+    plotting.heading(figure, plotting.text(title))
+    handles = [Line2D([], [], color="0.3", marker="o", markersize=4, linewidth=1.3, label="90 % interval")]
+    if any(one.spread > 0 for rows in panels.values() for one in rows):
+        words = "spread between trajectories or windows"
+        handles.append(Line2D([], [], color="0.3", alpha=0.25, linewidth=5, label=words))
+    plotting.legend(figure, handles)
     return figure
+
+
+def _named(one: TabledEstimate, beside: Sequence[TabledEstimate]) -> str:
+    """What is printed for an estimate: the version, and of what it is where there are several or the label does not
+    say it."""
+    several = sum(other.method == one.method for other in beside) > 1
+    of = re.sub(r"/0$", "", one.of).replace("_", " ")  # a file of a single trajectory
+    label = plotting.text(one.label)
+    return f"{label}, {of}" if several and one.of != SHARED else label
+
+
+def _quantity(name: str, unit: str) -> str:
+    """A parameter of an axis; constants of sensors are those of a state."""
+    what, of, state = name.partition(" of ")
+    return plotting.quantity(name, unit) if not of else f"{what} of {plotting.quantity(state, unit)}"
 
 
 def _few(rows: list[TabledEstimate]) -> list[TabledEstimate]:

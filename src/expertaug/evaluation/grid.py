@@ -143,7 +143,7 @@ def _draw(scores: Sequence[SeedScore], points: Sequence[Point], job: GridJob) ->
             axis.set_xlim(-0.4, len(ticks) - 0.6)
             axis.set_xlabel(plotting.text(key))
             axis.grid(axis="y")
-        panels[0].set_ylabel("validation score (lower is better)")
+        panels[0].set_ylabel("selection score (lower is better)")
     return figure
 
 

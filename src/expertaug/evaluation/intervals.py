@@ -145,6 +145,14 @@ def interval(found: Resampled, not_negative: bool = False) -> Interval:
     return Interval(mean, float(np.exp(ends.low)), float(np.exp(ends.high)), np.nan)
 
 
+def of_seeds(values: np.ndarray, not_negative: bool = False) -> Interval:
+    """The mean of a value of each seed (S,) with the interval that the spread over seeds alone gives; of one seed there
+    is none."""
+    if len(values) < 2:
+        return Interval(float(values.mean()) if len(values) else np.nan, np.nan, np.nan, np.nan)
+    return interval(Resampled(values, np.tile(values, (RESAMPLES, 1)), 2), not_negative)  # samples do not differ
+
+
 def standard_error(found: Resampled) -> float:
     """Of the mean over seeds: what two thirds of the deviations stay below, since with few seeds their square has no
     mean; NaN of a single unit."""

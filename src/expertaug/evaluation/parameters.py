@@ -17,7 +17,7 @@ from expertaug.evaluation.settings import ParameterReading
 from expertaug.evaluation.summary import drawn_sets
 from expertaug.versions import ordered
 
-MARKERS = {"train": "^", "validation": "o", "iid": "o", "test": "D"}
+MARKERS = {"train": "^", "validation": "o", "iid": "s", "test": "D"}  # as those of dots
 POINTS = 200  # of one set and seed in a scatter plot
 MARGIN = 0.12  # of an axis beyond the ranges that it shows
 BINS, TAIL = 25, 0.02  # of a histogram, and the part of all estimates that it leaves out at either end
@@ -58,7 +58,10 @@ def draw_parameters(found: Mapping[str, Forecasts], reading: ParameterReading) -
     with plotting.styled():
         side = min(2.3, (plotting.WIDTH - 0.5) / len(methods))
         before_unit = "\n[" if side < 1.2 else " ["  # two lines where the panels are narrow
-        figure = plotting.new_figure(0.6 + (side + 0.25) * count, max(4.6, side * len(methods) + 0.5))
+        titles = [plotting.wrapped(plotting.text(reading.printed(method)), side) for method in methods]
+        lines = max(title.count("\n") for title in titles)
+        height = 0.6 + (side + 0.25) * count + 0.13 * lines
+        figure = plotting.new_figure(height, max(4.6, side * len(methods) + 0.5))
         grid = figure.subplots(count, len(methods), squeeze=False, sharex="row", sharey="row")
         for row, name in enumerate(first.parameter_names):
             quantity = plotting.quantity(name, first.parameter_units[row]).replace(" [", before_unit)
@@ -66,20 +69,23 @@ def draw_parameters(found: Mapping[str, Forecasts], reading: ParameterReading) -
                 priors = {method: _prior(reading, method, name) for method in methods}
                 axes = dict(zip(methods, grid[row], strict=True))
                 _histograms(axes, found, row, colours, priors)
-                for method, axis in axes.items():
+                for axis, title in zip(axes.values(), titles, strict=True):
                     axis.set_xlabel(f"estimated {quantity}")
-                    if row == 0:
-                        axis.set_title(plotting.wrapped(plotting.text(reading.printed(method)), side))
+                    axis.set_title(title if row == 0 else "")
                 grid[row, 0].set_ylabel("windows\n(truth unknown)")
                 continue
             low, high = _show_ranges(dict(zip(methods, grid[row], strict=True)), first, row, name, reading)
+            told = []
             for axis, method in zip(grid[row], methods, strict=True):
-                _scatter(axis, found[method], row, (low, high), colours[method])
+                told.append(_scatter(axis, found[method], row, (low, high), colours[method]))
                 axis.set_xlabel(f"true {quantity}")
-                if row == 0:
-                    axis.set_title(plotting.wrapped(plotting.text(reading.printed(method)), side))
+            for axis, title in zip(grid[row] if row == 0 else (), titles, strict=False):
+                axis.set_title(title, pad=12 if any(told) else None)  # above what is told of points outside
             grid[row, 0].set_ylabel(f"estimated {quantity}")
         _parameter_legend(figure, first, reading)
+        if first.version is not None:
+            title = f"{reading.of_experiment(first.version.experiment)}: expert parameters"
+            plotting.heading(figure, plotting.text(title))
     return figure
 
 
@@ -95,7 +101,7 @@ def _histograms(
     colours: Mapping[str, Sequence[float]],
     priors: Mapping[str, Sequence[float] | None],
 ) -> None:
-    """Histograms of the estimates of one parameter, an axis a method: filled, and of the test set an outline."""
+    """Histograms of the estimates of one parameter, an axis a method: filled of the test set, of others an outline."""
     each = [data.estimates[n][data.places, :, column] for data in found.values() for n in drawn_sets(data.estimates)]
     pooled = np.concatenate([one.ravel() for one in each])
     pooled = pooled[np.isfinite(pooled)]
@@ -110,7 +116,7 @@ def _histograms(
             counts, _ = np.histogram(data.estimates[name][data.places, :, column], edges)
             height = counts / max(counts.max(initial=0), 1)
             test = name == "test"
-            axis.stairs(height, edges, fill=not test, alpha=1.0 if test else 0.35, color=colours[method])
+            axis.stairs(height, edges, fill=test, alpha=0.45 if test else 1.0, color=colours[method])
         for edge in priors[method] or ():
             axis.axvline(edge, color="0.45", linewidth=0.8, linestyle=(0, (4, 2)), zorder=1)
         axis.set(xlim=(edges[0], edges[-1]), ylim=(0, 1.1), yticks=[])
@@ -154,7 +160,8 @@ def _shaded(data: Forecasts) -> str | None:
 
 def _scatter(
     axis: Axes, data: Forecasts, column: int, limits: tuple[float, float], colour: tuple[float, float, float]
-) -> None:
+) -> bool:
+    """Draw a method's estimates; whether some lie outside, which is then told above the panel."""
     outside = total = 0
     for name in reversed(drawn_sets(data.estimates)):  # the narrower sets on top
         truth = data.truths[name][:, column]
@@ -163,7 +170,7 @@ def _scatter(
             inside = (estimate >= limits[0]) & (estimate <= limits[1])
             known = np.isfinite(truth)
             outside, total = outside + int((~inside & known).sum()), total + int(known.sum())
-            filled = name != "test"
+            filled = name == "test"
             axis.scatter(
                 truth[chosen],
                 estimate[chosen],
@@ -179,14 +186,15 @@ def _scatter(
     if outside:
         share = 100 * outside / total
         text = f"{share:.0f} % outside" if share >= 1 else "< 1 % outside"
-        axis.annotate(text, (0.03, 0.97), xycoords="axes fraction", va="top", fontsize=6.5, color="0.3")
+        axis.annotate(text, (0.5, 1.02), xycoords="axes fraction", ha="center", va="bottom", fontsize=6.5, color="0.3")
+    return bool(outside)
 
 
 def _parameter_legend(figure: Figure, data: Forecasts, reading: ParameterReading) -> None:
     unknown = [is_unknown(data, row) for row in range(len(data.parameter_names))]
     handles = []
     for name in drawn_sets(data.estimates):
-        title, face = reading.of_set(name), "none" if name == "test" else "0.6"
+        title, face = reading.of_set(name), "0.6" if name == "test" else "none"
         if all(unknown):
             handles.append(Patch(facecolor=face, edgecolor="0.3", label=title))
             continue

@@ -13,11 +13,11 @@ from expertaug.evaluation.settings import PlotJob
 NAMES = [product.name for product in PLOTTED]
 
 
-def plot(metrics: Sequence[Path], forecasts: Sequence[Path], logs: Sequence[Path], prefix: Path, job: PlotJob) -> None:
+def plot(table: Path, forecasts: Sequence[Path], logs: Sequence[Path], prefix: Path, job: PlotJob) -> None:
     """Write ``<prefix>_<name>.png`` and ``.pdf`` for every name in :data:`NAMES`.
 
     Arguments:
-        metrics: metrics.csv of every method and group of seeds.
+        table: the experiment's long table (:mod:`expertaug.evaluation.tabulate`).
         forecasts: forecasts.npz of one group of seeds of each method, in the order of the job's labels.
         logs: log.jsonl of every trained method and group of seeds.
 
@@ -30,9 +30,8 @@ def plot(metrics: Sequence[Path], forecasts: Sequence[Path], logs: Sequence[Path
     def output(name: str) -> Path:
         return Path(f"{prefix}_{name}")
 
-    dots.log_mse(metrics, output("log_mse"), job)
-    dots.parameter_errors(metrics, output("parameter_errors"), job)
+    dots.log_mse([table], output("log_mse"), job)
+    dots.parameter_errors([table], output("parameter_errors"), job)
     parameters(traced, output("parameters"), job)
-    view = traces.View(left_out=len(by_method) - len(traced), measured=job.measured)
-    traces.forecasts(traced, output("forecasts"), job, view)
+    traces.forecasts(traced, output("forecasts"), job, traces.View(measured=job.measured))
     traces.curves(logs, output("curves"), job, job.traced)

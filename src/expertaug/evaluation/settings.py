@@ -216,6 +216,7 @@ class StudyJob(FigureReading):
 
     study: str = key(..., "name of the study")
     sets: dict[str, SimulatedSet] = key(dict, "the simulated sets; of measurements none")
+    units: dict[str, str] = key(dict, "of the parameters of z_e and z_a that have one")
     classical: str | None = key(None, "least squares with the expert, where there is one")
     options: StudyOptions = key(StudyOptions, "of the study")
     priors: dict[str, dict[str, Ranges | None]] = key(

@@ -14,33 +14,37 @@ from matplotlib.lines import Line2D
 
 from expertaug import plotting
 from expertaug.errors import InputError
+from expertaug.evaluation.dots import LOOKS
+from expertaug.evaluation.forecasts import read_forecasts
 from expertaug.evaluation.metrics import DIVERGED, RELATIVE_ERROR, log_mse_of, metric_of
+from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.settings import StudyJob
 from expertaug.evaluation.summary import (
-    Mean,
+    TabledMean,
     any_of,
     cell_of,
     in_domain,
     read_metrics,
     shown_metrics,
-    summarise,
     tabled_metrics,
+    with_intervals,
 )
 from expertaug.evaluation.table import Study as Made
 from expertaug.evaluation.table import Table
 from expertaug.rows import frame
-from expertaug.tracking.metrics_csv import MetricRow
-from expertaug.versions import base, compared
+from expertaug.versions import LINES, base, compared
 
 DURING_TRAINING_SETS = ("train", "validation", "test")
-ALONG_COLOURS = {"train": "#7A7A7A", "validation": "#0072B2", "test": "#D55E00"}
 # Of the model as trained, then of each length of fine-tuning.
-ALONG_LINES = (
-    ("-", "o", 3),
-    (plotting.DASHED, "s", 3),
-    ((0, (1, 1.4)), "*", 6),
-    ("-.", "^", 4),
-    ((0, (6, 1.5)), "v", 4),
+ALONG_LINES = tuple(
+    {"color": plotting.HUES[hue], "linestyle": dash, "marker": marker, "markersize": size}
+    for hue, dash, marker, size in (
+        (0, plotting.DASHED, "o", 3),
+        (5, "-", "s", 3),
+        (6, (0, (1, 1.4)), "*", 6),
+        (7, "-.", "^", 4),
+        (2, (0, (6, 1.5)), "v", 4),
+    )
 )
 Printed = tuple[list[str], list[list[str]], int]  # header, rows of text, number of columns that are text
 
@@ -52,7 +56,7 @@ def ranges_text(ranges: Mapping[str, Sequence[float]]) -> str:
     return ", ".join(f"{name} ∈ [{low:g}, {high:g}]" for name, (low, high) in ranges.items()).replace("-", "−")
 
 
-def width_sets(summary: Sequence[Mean]) -> tuple[str, str]:
+def width_sets(summary: Sequence[TabledMean]) -> tuple[str, str]:
     """Sets that the study of p⁺'s width shows."""
     return in_domain(mean.set for mean in summary), "test"
 
@@ -66,18 +70,20 @@ def by_width(priors: Mapping[str, Mapping | None]) -> list[str]:
     return sorted(priors, key=volume)
 
 
-def shifts(summary: Sequence[Mean], job: StudyJob) -> Figure:
+def shifts(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
     """The log-MSE against the distance of the shift: a panel for each kind of shift, a line for each method."""
     return _by_set(summary, job, job.options.panels, "distance of the shift")
 
 
-def horizons(summary: Sequence[Mean], job: StudyJob) -> Figure:
+def horizons(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
     """The log-MSE against the end of the forecast: a panel for each split, a line for each method."""
     panels = [(job.of_set(split), names) for split, names in job.options.panels]
     return _by_set(summary, job, panels, "end of the forecast")
 
 
-def _by_set(summary: Sequence[Mean], job: StudyJob, panels: Sequence[tuple[str, Sequence[str]]], xlabel: str) -> Figure:
+def _by_set(
+    summary: Sequence[TabledMean], job: StudyJob, panels: Sequence[tuple[str, Sequence[str]]], xlabel: str
+) -> Figure:
     labels = {version: job.label_of[version] for version in compared(list(job.label_of), job.classical)}
     colours = plotting.colours(list(labels), dict(job.hues))
     metric, means = log_mse_of(job.convention).name, by_place(summary)
@@ -88,23 +94,22 @@ def _by_set(summary: Sequence[Mean], job: StudyJob, panels: Sequence[tuple[str, 
             for place, variant in enumerate(labels):
                 x = np.arange(len(names)) + _dodge(place, len(labels))
                 each = [means.get((metric, name, variant)) for name in names]
-                _line(axis, x, each, colours[variant], plotting.dash(variant), plotting.marker(variant))
+                _line(axis, x, each, plotting.look(variant, colours))
             places = zip(job.options.distances, names, strict=True)
             axis.set_xticks(range(len(names)), [_tick(distance, name, job) for distance, name in places])
             axis.set_xlim(-0.4, len(names) - 0.6)
             axis.set(title=plotting.text(title), xlabel=xlabel)
             axis.grid(axis="y")
         grid[0].set_ylabel("log-MSE (lower is better)")
-        looks = {v: {"linestyle": plotting.dash(v), "marker": plotting.marker(v), "markersize": 3} for v in labels}
-        handles = [Line2D([], [], color=colours[v], **looks[v], label=label) for v, label in labels.items()]
+        handles = [Line2D([], [], **plotting.look(v, colours), label=label) for v, label in labels.items()]
         plotting.legend(figure, handles)
-        _subtitle(figure, summary, job)
+        plotting.heading(figure, job.of_experiment(summary[0].experiment))
     return figure
 
 
-def widths(summary: Sequence[Mean], job: StudyJob) -> Figure:
+def widths(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
     """Log-MSE and parameters' error against the prior, the narrowest first: a line for each method and set."""
-    methods = list(dict.fromkeys(map(base, job.label_of)))
+    methods = list(dict.fromkeys(map(base, job.label_of)))[: LINES // len(width_sets(summary))]
     ranges = job.priors[methods[0]]
     priors = by_width(ranges)
     colours = plotting.colours([f"{method}+" for method in methods], dict(job.hues))
@@ -119,9 +124,9 @@ def widths(summary: Sequence[Mean], job: StudyJob) -> Figure:
                     variants = [method, *(f"{method}+{prior}" for prior in priors)]
                     each = [means.get((metric, name, variant)) for variant in variants]
                     x = np.arange(len(variants)) + _dodge(place, len(methods))
-                    _line(axis, x, each, colours[f"{method}+"], line, "o" if name == "test" else "s")
+                    _line(axis, x, each, _of_set(name, line, colours[f"{method}+"]))
             alike = {name: all(job.priors[m][name] == ranges[name] for m in methods) for name in priors}
-            extents = [_extent(ranges, name) if alike[name] else "" for name in priors]
+            extents = [_extent(ranges, name, job.units) if alike[name] else "" for name in priors]
             ticks = ["none", *(f"{name or 'default'}\n{extent}" for name, extent in zip(priors, extents, strict=True))]
             axis.set_xticks(range(len(ticks)), ticks)
             axis.set_xlabel("augmentation prior p⁺")
@@ -132,58 +137,56 @@ def widths(summary: Sequence[Mean], job: StudyJob) -> Figure:
                 plotting.plain_log(axis)
         names = {f"{method}+": job.label_of[method] for method in methods}
         handles = [Line2D([], [], color=colours[m], linewidth=3, label=label) for m, label in names.items()]
-        for name, line, marker in zip(sets, (plotting.DASHED, "-"), "so", strict=True):
-            look = {"color": "0.3", "linestyle": line, "marker": marker, "markersize": 3}
-            handles.append(Line2D([], [], label=job.of_set(name), **look))
+        for name, line in zip(sets, (plotting.DASHED, "-"), strict=True):
+            handles.append(Line2D([], [], label=job.of_set(name), **_of_set(name, line, "0.3")))
         plotting.legend(figure, handles)
-        _subtitle(figure, summary, job)
+        plotting.heading(figure, job.of_experiment(summary[0].experiment))
     return figure
 
 
-def during_training(summary: Sequence[Mean], job: StudyJob) -> Figure:
-    """The log-MSE along the training: a colour for each set, a line for each length of fine-tuning."""
+def _of_set(name: str, line: object, colour: object) -> dict:
+    """A line of a set, with its marker as in the figures of dots."""
+    marker, face = LOOKS[name]
+    face = colour if face == "own" else face
+    return {"color": colour, "linestyle": line, "marker": marker, "markersize": 3.5, "markerfacecolor": face}
+
+
+def during_training(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
+    """The log-MSE along the training: a panel for each set, a line for each length of fine-tuning."""
     metric, means = log_mse_of(job.convention).name, by_passes(summary)
     epochs = sorted({epoch for _, _, epoch, _ in means})
     lengths = sorted({length for _, _, _, length in means})
     lines = {length: ALONG_LINES[k % len(ALONG_LINES)] for k, length in enumerate(lengths)}
     with plotting.styled():
-        figure = plotting.new_figure(3.4, 5.6)
-        axis = figure.subplots()
-        for name in DURING_TRAINING_SETS:
-            for place, (length, (dash, marker, size)) in enumerate(lines.items()):
+        figure = plotting.new_figure(3.0)
+        panels = figure.subplots(1, len(DURING_TRAINING_SETS), sharey=True)
+        for axis, name in zip(panels, DURING_TRAINING_SETS, strict=True):
+            for place, (length, look) in enumerate(lines.items()):
                 each = [means.get((metric, name, epoch, length)) for epoch in epochs]
-                x = np.array(epochs) * (1 + 0.3 * _dodge(place, len(lines)))
-                _line(axis, x, each, ALONG_COLOURS[name], dash, marker, size)
-        axis.set_xscale("log")
-        axis.set_xticks(epochs, map(str, epochs))
-        axis.minorticks_off()
-        axis.set(xlabel="passes of the training", ylabel="log-MSE (lower is better)")
-        axis.grid(axis="y")
-        handles = [Line2D([], [], color=c, linewidth=3, label=job.of_set(s)) for s, c in ALONG_COLOURS.items()]
-        for length, (dash, marker, size) in lines.items():
+                _line(axis, np.array(epochs) * (1 + 0.3 * _dodge(place, len(lines))), each, look)
+            axis.set_xscale("log")
+            axis.set_xticks(epochs, map(str, epochs))
+            axis.minorticks_off()
+            axis.set(title=job.of_set(name), xlabel="passes of the training")
+            axis.grid(axis="y")
+        panels[0].set_ylabel("log-MSE (lower is better)")
+        handles = []
+        for length, look in lines.items():
             text = f"fine-tuned, {length} pass{'es' if length > 1 else ''}" if length else "as trained"
-            handles.append(Line2D([], [], color="0.3", linestyle=dash, marker=marker, markersize=size, label=text))
+            handles.append(Line2D([], [], **look, label=text))
         plotting.legend(figure, handles)
-        _subtitle(figure, summary, job)
+        plotting.heading(figure, job.of_experiment(summary[0].experiment))
     return figure
 
 
-def _line(
-    axis: Axes,
-    x: np.ndarray,
-    means: Sequence[Mean | None],
-    colour: object,
-    dash: object,
-    marker: str = "o",
-    size: float = 3,
-) -> None:
-    """Means with their standard deviations as bars; what has no finite value is left out."""
+def _line(axis: Axes, x: np.ndarray, means: Sequence[TabledMean | None], look: Mapping) -> None:
+    """Means with their 95 % intervals as bars; what has no finite value is left out."""
     good = [(place, mean) for place, mean in zip(x, means, strict=True) if mean is not None and mean.n > 0]
     levels = [mean.mean for _, mean in good]
-    spread = [0.0 if math.isnan(mean.std) else mean.std for _, mean in good]
+    spread = np.nan_to_num([[mean.mean - mean.low for _, mean in good], [mean.high - mean.mean for _, mean in good]])
     bars = {"elinewidth": 0.8, "capsize": 1.6}
     places = [place for place, _ in good]
-    axis.errorbar(places, levels, spread, color=colour, linestyle=dash, marker=marker, markersize=size, **bars)
+    axis.errorbar(places, levels, spread, **look, **bars)
 
 
 def _dodge(place: int, count: int) -> float:
@@ -194,27 +197,19 @@ def _dodge(place: int, count: int) -> float:
 def _tick(distance: str, name: str, job: StudyJob) -> str:
     """The distance, and below it the range of the interaction's parameters."""
     ranges = z_a_of(job, name)
-    return "\n".join([distance, *(f"{plotting.symbol(p)}: {low:g}\nto {high:g}" for p, (low, high) in ranges.items())])
+    each = [f"{plotting.symbol(p)}: {low:g} to\n{high:g} {job.units.get(p, '')}" for p, (low, high) in ranges.items()]
+    return "\n".join([distance, *map(str.rstrip, each)])
 
 
-def _extent(priors: Mapping[str, Mapping | None], name: str) -> str:
+def _extent(priors: Mapping[str, Mapping | None], name: str, units: Mapping[str, str]) -> str:
     """The range of a single parameter; of several the volume as a multiple of the experiment's own prior."""
     if priors[name] is None or priors[""] is None:
         return "its own"
     if len(priors[name]) == 1:
-        low, high = next(iter(priors[name].values()))
-        return f"[{low:g}, {high:g}]"
+        parameter, (low, high) = next(iter(priors[name].items()))
+        return f"{low:g} to {high:g}\n{units.get(parameter, '')}".rstrip()
     own, this = (math.prod(high - low for low, high in priors[key].values()) for key in ("", name))
     return f"volume × {this / own:.2g}" if own else ""
-
-
-def _subtitle(figure: Figure, summary: Sequence[Mean], job: StudyJob) -> None:
-    seeds = max(mean.of for mean in summary)
-    number = "1 seed" if seeds == 1 else f"mean ± std over {seeds} seeds"
-    name = job.of_experiment(summary[0].experiment)
-    text = f"{name}; squared error {job.convention_text}"
-    join = "; " if figure.get_figwidth() > 6 else "\n"
-    plotting.heading(figure, f"{text}{join}{number}; preset {summary[0].preset}")
 
 
 @dataclass(frozen=True)
@@ -230,30 +225,33 @@ class Study:
 
     title: str
     along: bool
-    rows: Callable[[Sequence[Mean], StudyJob], Printed]
-    draw: Callable[[Sequence[Mean], StudyJob], Figure]
+    rows: Callable[[Sequence[TabledMean], StudyJob], Printed]
+    draw: Callable[[Sequence[TabledMean], StudyJob], Figure]
 
 
-def study(metrics: Sequence[Path], outputs: Sequence[Path], job: StudyJob) -> None:
+def study(metrics: Sequence[Path], outputs: Sequence[Path], job: StudyJob, forecasts: Sequence[Path] = ()) -> None:
     """Write the table and draw the figure of a study.
 
     Arguments:
         metrics: metrics.csv (of the study along training: during_training.csv) of all variants and groups of seeds.
-        outputs: any of .csv (mean, std, n in full precision), .md, .tex, .png and .pdf.
+        outputs: any of .csv (mean, std, n, ends of the interval in full precision), .md, .tex, .png and .pdf.
+        forecasts: forecasts.npz of the same runs, from which the intervals come; along a training those of the seeds
+            alone are shown.
 
     Raises:
         InputError: a file is broken or lacks what the study compares, or an output's suffix is unknown.
     """
     kind, labels = KINDS[job.study], job.label_of
     read = read_metrics(metrics, kind.along)
-    summary = summarise([row for row in read if row.method in labels])
+    samples = None if kind.along else Samples(read_forecasts(forecasts))
+    summary = with_intervals([row for row in read if row.method in labels], samples)
     _require(summary, metrics, job)
     name = summary[0].experiment
-    caption = _caption(read, job) + (f" {DIVERGED.note}" if any_of(DIVERGED, summary) else "")
+    caption = _caption(summary, job) + (f" {DIVERGED.note}" if any_of(DIVERGED, summary) else "")
     title, label = f"{name}: {kind.title}", f"{name}-{job.study}".replace("_", "-")
     head, rows, names = kind.rows(summary, job)
     printed = Table(head, [("", rows)], names, (), title, caption, label)
-    Made(frame(Mean, summary), [printed], lambda: kind.draw(summary, job)).save(outputs)
+    Made(frame(TabledMean, summary), [printed], lambda: kind.draw(summary, job)).save(outputs)
 
 
 def z_a_of(job: StudyJob, name: str) -> Mapping[str, Sequence[float]]:
@@ -261,17 +259,17 @@ def z_a_of(job: StudyJob, name: str) -> Mapping[str, Sequence[float]]:
     return job.sets[name].z_a if name in job.sets else {}
 
 
-def by_place(summary: Sequence[Mean]) -> dict[tuple[str, str, str], Mean]:
+def by_place(summary: Sequence[TabledMean]) -> dict[tuple[str, str, str], TabledMean]:
     """Means by metric, set and method."""
     return {(mean.metric, mean.set, mean.method): mean for mean in summary}
 
 
-def by_passes(summary: Sequence[Mean]) -> dict[tuple[str, str, int, int], Mean]:
+def by_passes(summary: Sequence[TabledMean]) -> dict[tuple[str, str, int, int], TabledMean]:
     """Means by metric, set and numbers of passes, of training and of fine-tuning."""
     return {(mean.metric, mean.set, mean.epoch or 0, mean.finetune_epochs or 0): mean for mean in summary}
 
 
-def _require(summary: Sequence[Mean], metrics: Sequence[Path], job: StudyJob) -> None:
+def _require(summary: Sequence[TabledMean], metrics: Sequence[Path], job: StudyJob) -> None:
     panels = job.options.panels
     evaluated = {mean.set for mean in summary}
     for name in [name for _, names in panels for name in names]:
@@ -279,18 +277,29 @@ def _require(summary: Sequence[Mean], metrics: Sequence[Path], job: StudyJob) ->
             raise InputError(metrics[0], f"no metrics of the set {name!r}", "evaluate again")
 
 
-def _caption(rows: Sequence[MetricRow], job: StudyJob) -> str:
-    seeds, presets = len({row.seed for row in rows}), ", ".join(dict.fromkeys(row.preset for row in rows))
+def _caption(summary: Sequence[TabledMean], job: StudyJob) -> str:
+    seeds, presets = max(len(mean.seeds) for mean in summary), ", ".join(dict.fromkeys(mean.preset for mean in summary))
     start = job.from_s
     window = "the forecast window (t1, t2]" if start is None else f"times from {start:g} s on"
     return (
-        f"Preset: {presets}. Mean ± standard deviation (n − 1) over {seeds} "
-        f"seed{'s' if seeds > 1 else ''}. log-MSE: natural logarithm of the mean squared error over {window}, "
-        f"{job.convention_text}; lower is better."
+        f"Preset: {presets}. Mean over {seeds} seed{'s' if seeds > 1 else ''}, {_spread(summary, job)}. log-MSE: "
+        f"natural logarithm of the mean squared error over {window}, {job.convention_text}; lower is better."
     )
 
 
-def _shift_rows(summary: Sequence[Mean], job: StudyJob) -> Printed:
+def _spread(summary: Sequence[TabledMean], job: StudyJob) -> str:
+    """What stands beside a mean."""
+    if all(math.isnan(mean.low) for mean in summary):
+        return "± their standard deviation (n − 1)"
+    of = (
+        "that their spread gives"
+        if KINDS[job.study].along
+        else "for which samples and, of several, seeds are resampled"
+    )
+    return f"with the ends of its 95 % interval, {of}, or else ± their standard deviation (n − 1)"
+
+
+def _shift_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
     """A row for each metric, panel and distance, a column for each method."""
     means = by_place(summary)
     rows = []
@@ -303,7 +312,7 @@ def _shift_rows(summary: Sequence[Mean], job: StudyJob) -> Printed:
     return ["metric", "shifted", "distance", "z_a of the set", *job.label_of.values()], rows, 4
 
 
-def _horizon_rows(summary: Sequence[Mean], job: StudyJob) -> Printed:
+def _horizon_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
     """A row for each metric, split and end of the forecast, a column for each method."""
     means = by_place(summary)
     rows = []
@@ -315,7 +324,7 @@ def _horizon_rows(summary: Sequence[Mean], job: StudyJob) -> Printed:
     return ["metric", "set", "until", *job.label_of.values()], rows, 3
 
 
-def _width_rows(summary: Sequence[Mean], job: StudyJob) -> Printed:
+def _width_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
     """A row for each method and prior, a column for each metric and set."""
     means = by_place(summary)
     columns = [(m, s) for m in tabled_metrics(summary, job.convention) for s in width_sets(summary)]
@@ -332,7 +341,7 @@ def _width_rows(summary: Sequence[Mean], job: StudyJob) -> Printed:
     return ["method", "p⁺", *header], rows, 2
 
 
-def _during_training_rows(summary: Sequence[Mean], job: StudyJob) -> Printed:
+def _during_training_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
     """A row for each snapshot and length of fine-tuning, a column for each metric and set."""
     means = by_passes(summary)
     columns = [(m, s) for m in tabled_metrics(summary, job.convention) for s in DURING_TRAINING_SETS]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from operator import attrgetter
@@ -13,9 +14,11 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.evaluation.forecasts import VersionKey
-from expertaug.evaluation.intervals import Interval
+from expertaug.evaluation.intervals import Interval, interval, of_seeds
 from expertaug.evaluation.metrics import METRICS, Metric, Shown, first_metrics, metric_of
+from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.table import Cell
+from expertaug.rows import grouped, read_csv
 from expertaug.tracking.metrics_csv import MetricRow, read_rows
 from expertaug.versions import SHOWN_SETS
 
@@ -158,6 +161,51 @@ def summarise(rows: Sequence[MetricRow]) -> list[Mean]:
     of_row = attrgetter(*IDENTITY)
     each = spread_of([of_row(row) for row in rows], [row.value for row in rows])
     return [Mean(**dict(zip(IDENTITY, key, strict=True)), **spread._asdict()) for key, spread in each.items()]
+
+
+def with_intervals(rows: Sequence[MetricRow], samples: Samples | None) -> list[TabledMean]:
+    """As :func:`summarise`, with the value of each seed and the 95 % interval, which tables and figures show.
+
+    Arguments:
+        samples: errors of all samples; a mean of which none are kept has no interval. None: intervals are of the seeds
+            alone.
+    """
+    seeds = {version: tuple(sorted({row.seed for row in of})) for version, of in grouped(rows, _version).items()}
+    scores = {(attrgetter(*IDENTITY)(row), row.seed): row.value for row in rows}
+    tabled = []
+    for mean in summarise(rows):
+        key, own = attrgetter(*IDENTITY)(mean), seeds[mean.version]
+        values = tuple(scores.get((key, seed), math.nan) for seed in own)
+        low, high = _ends(mean, values, samples)
+        tabled.append(TabledMean(**vars(mean), seeds=own, low=low, high=high, values=values))
+    return tabled
+
+
+def _version(row: MetricRow) -> VersionKey:
+    return VersionKey(row.experiment, row.preset, row.method)
+
+
+def _ends(mean: Mean, values: Sequence[float], samples: Samples | None) -> tuple[float, float]:
+    """Ends of the interval round a mean; NaN where there is none."""
+    not_negative = metric_of(mean.metric).not_negative
+    if samples is None:
+        alone = of_seeds(np.array([value for value in values if np.isfinite(value)]), not_negative)
+        return alone.low, alone.high
+    resampled = samples.resampled(mean.version, mean.set, mean.metric)
+    if resampled is None:
+        return math.nan, math.nan
+    ends = interval(resampled, not_negative)
+    shift = 0.0 if not_negative else mean.mean - ends.mean  # of a convention from the other
+    return ends.low + shift, ends.high + shift
+
+
+def read_long(path: str | Path, remedy: str = "make it again with tabulate") -> list[TabledMean]:
+    """The long table of an experiment (:mod:`expertaug.evaluation.tabulate`).
+
+    Raises:
+        InputError: it is missing or broken.
+    """
+    return read_csv(path, TabledMean, remedy)
 
 
 def cell_of(means: Mapping[K, Mean], key: K, metric: str, marked: bool = False) -> Cell:

@@ -12,8 +12,8 @@ from pathlib import Path
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.evaluation.forecasts import Forecasts, VersionKey, read_forecasts
-from expertaug.evaluation.intervals import LEVEL, Interval, interval
+from expertaug.evaluation.forecasts import Forecasts, read_forecasts
+from expertaug.evaluation.intervals import LEVEL, Interval
 from expertaug.evaluation.metrics import COST, DIVERGED, RELATIVE_ERROR, Shown, metric_of
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.settings import TabulateJob
@@ -27,8 +27,8 @@ from expertaug.evaluation.summary import (
     order_sets,
     read_metrics,
     shown_metrics,
-    summarise,
     tabled_metrics,
+    with_intervals,
 )
 from expertaug.evaluation.table import DASH, Cell, Row, Study, Table, spans
 from expertaug.rows import cells, frame, grouped
@@ -387,15 +387,7 @@ def _prepare(rows: Sequence[MetricRow], job: TabulateJob, samples: Samples) -> l
     runs = grouped(rows, lambda row: row.experiment)
     several = {experiment for experiment, part in runs.items() if len({row.preset for row in part}) > 1}
     named = [replace(row, label=f"{row.label} ({row.preset})") if row.experiment in several else row for row in rows]
-    of_version = grouped(rows, lambda row: VersionKey(row.experiment, row.preset, row.method))
-    seeds = {version: tuple(sorted({row.seed for row in part})) for version, part in of_version.items()}
-    scores = {(VersionKey(r.experiment, r.preset, r.method), r.set, r.metric, r.seed): r.value for r in rows}
-    long = []
-    for mean in summarise(named):
-        low, high = _ends(mean, samples)
-        own = seeds[mean.version]
-        each = tuple(scores.get((mean.version, mean.set, mean.metric, seed), math.nan) for seed in own)
-        long.append(TabledMean(**vars(mean), seeds=own, low=low, high=high, values=each))
+    long = with_intervals(named, samples)
     long += _unknown_errors(long, samples)
     methods, metrics = ordered([mean.method for mean in long], job.label_of), _metrics(long)
     experiments, presets = (list(dict.fromkeys(map(attrgetter(name), long))) for name in ("experiment", "preset"))
@@ -416,17 +408,6 @@ def _unknown_errors(long: Sequence[TabledMean], samples: Samples) -> list[Tabled
         for key, part in grouped(long, lambda mean: (mean.version, mean.set)).items()
         if RELATIVE_ERROR.name not in _metrics(part) and samples.estimates_unknown(*key)
     ]
-
-
-def _ends(mean: Mean, samples: Samples) -> tuple[float, float]:
-    """Ends of the interval round a mean; NaN where no samples are kept."""
-    resampled = samples.resampled(mean.version, mean.set, mean.metric)
-    if resampled is None:
-        return math.nan, math.nan
-    not_negative = metric_of(mean.metric).not_negative
-    ends = interval(resampled, not_negative)
-    shift = 0.0 if not_negative else mean.mean - ends.mean  # of a convention from the other
-    return ends.low + shift, ends.high + shift
 
 
 def _wide(means: Sequence[TabledMean]) -> pd.DataFrame:

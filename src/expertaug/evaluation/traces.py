@@ -21,8 +21,9 @@ from expertaug.evaluation.settings import FigureReading
 from expertaug.tracking.log import Log, read_log
 from expertaug.versions import Version, ordered, paired
 
-TRUTH = "0.05"
+TRUTH = {"color": "0.75", "linewidth": 3.2}  # wide and below all forecasts, so that one right above it is seen
 MOST_DIMENSIONS = 4
+SEEN = 0.04  # of an axis: a band that is narrower lies below its line
 CURVE_POINTS = 150
 # A forecast may run away; the axis shows the truth's range and this share of it on each side.
 ROOM = 0.5
@@ -32,7 +33,7 @@ GAP = 0.25  # between states and errors, in widths of a panel
 COLOURS = "RdBu_r"
 OVERSHOOT = 0.1  # of the truth's range that the colours reach beyond it
 QUANTILE = 99.0  # of the errors that their colours reach to: one forecast that runs away would hide all others
-METRICS = {"loss": "training loss", "validation_score": "validation log-MSE"}
+METRICS = {"loss": "training loss", "validation_score": "selection score"}
 
 
 @dataclass(frozen=True)
@@ -44,14 +45,12 @@ class View:
         samples: positions among those kept; empty: the first three, of fields the one whose z_e is farthest outside the
             training set's range.
         seed: whose; None: the first that could be trained.
-        left_out: how many versions are not drawn.
         measured: whether the states were measured, not simulated.
     """
 
     set: str = "test"
     samples: Sequence[int] = ()
     seed: int | None = None
-    left_out: int = 0
     measured: bool = False
 
 
@@ -108,13 +107,12 @@ def draw_forecasts(
         for row, dimension in enumerate(dimensions):
             for axis, sample in zip(grid[row], samples, strict=True):
                 axis.axvspan(first.t[0], first.t[first.observed], color="0.92", linewidth=0, zorder=0)
-                line = {"color": TRUTH, "linewidth": 1.0, "marker": "." if gaps else "", "markersize": 3, "zorder": 5}
-                axis.plot(first.t, truth[sample, :, dimension], **line)
+                axis.plot(first.t, truth[sample, :, dimension], marker="." if gaps else "", zorder=2, **TRUTH)
                 for method in methods:
                     kept, place = found[method].kept[name], places[method]
                     order = 4 if Version.parse(method).is_augmented else 3
-                    line = {"color": colours[method], "linestyle": plotting.dash(method), "zorder": order}
-                    axis.plot(first.t, kept.prediction[place, sample, :, dimension], linewidth=1.2, **line)
+                    line = {"linewidth": 1.2, "zorder": order, **_look(method, colours)}
+                    axis.plot(first.t, kept.prediction[place, sample, :, dimension], **line)
                     if kept.band is not None:
                         low, high = kept.band[:, place, sample, :, dimension]
                         times = first.t[len(first.t) - len(low) :]
@@ -128,16 +126,16 @@ def draw_forecasts(
         grid[0, 0].set_xlim(first.t[0], first.t[-1])
         figure.align_ylabels(grid[:, 0])
         what = "measured" if gaps or view.measured else "truth"
-        handles = [Line2D([], [], color=TRUTH, linewidth=1.0, label=what)]
+        handles = [Line2D([], [], label=what, **TRUTH)]
         handles += _handles(methods, reading.label_of, colours)
         handles.append(Patch(facecolor="0.92", label="observed window"))
-        if any(one.kept[name].band is not None for one in found.values()):
-            handles.append(Patch(facecolor="0.5", alpha=0.2, label="90 % band, where a method has one"))
+        for method in methods:
+            if _is_seen(found[method].kept[name].band, places[method], samples, dimensions, grid[:, 0]):
+                label = f"90 % band of {reading.printed(method)}"
+                handles.append(Patch(facecolor=colours[method], alpha=0.2, label=label))
         plotting.legend(figure, handles)
-        words = f"forecasts on the {reading.of_set(name)} set, seed {seed}"
-        if view.left_out:
-            words += f"; {view.left_out} further versions are in the tables"
-        plotting.heading(figure, plotting.text(words))
+        title = plotting.text(f"{_title(first, reading)}forecasts on the {reading.of_set(name)} set, seed {seed}")
+        plotting.heading(figure, title)
     return figure
 
 
@@ -183,9 +181,27 @@ def _draw_fields(found: Mapping[str, Forecasts], reading: FigureReading, view: V
             if image is not None:
                 label = f"{quantity}, forecast − truth"
                 figure.colorbar(image, ax=right, location="bottom", shrink=0.8, aspect=22, label=label, extend="both")
-        title = f"a sample of the {reading.of_set(name)} set ({', '.join(_parameters_of(first, name, sample))})"
-        plotting.heading(figure, f"{title}, seed {seed}; below a method, root mean square of its error")
+        sampled = f"a sample of the {reading.of_set(name)} set ({', '.join(_parameters_of(first, name, sample))})"
+        plotting.heading(figure, f"{plotting.text(_title(first, reading))}{sampled}, seed {seed}")
     return figure
+
+
+def _is_seen(
+    band: np.ndarray | None, place: int, samples: Sequence[int], dimensions: Sequence[int], axes: Sequence[Axes]
+) -> bool:
+    """Whether a band is wide enough to be seen beside a line, on the axis of any row."""
+    if band is None:
+        return False
+    widths = np.diff(band[:, place][:, list(samples)], axis=0)[0]
+    return any(
+        bool(np.nanmax(widths[..., dimension], initial=0.0) > SEEN * np.ptp(axis.get_ylim()))
+        for dimension, axis in zip(dimensions, axes, strict=True)
+    )
+
+
+def _title(data: Forecasts, reading: FigureReading) -> str:
+    """The experiment's name before what a figure shows; nothing of a file that does not say it."""
+    return f"{reading.of_experiment(data.version.experiment)}: " if data.version is not None else ""
 
 
 def farthest(data: Forecasts, name: str, samples: Sequence[int]) -> int:
@@ -286,15 +302,15 @@ def curves(
             for axis, (metric, title) in zip(grid[row], metrics.items(), strict=True):
                 for method in methods:
                     if method in group:
-                        _curve(axis, group[method], metric, colours[method], plotting.dash(method))
+                        _curve(axis, group[method], metric, _look(method, colours))
                 _scale(axis)
-                axis.set(title=reading.of_experiment(experiment), xlabel="step", ylabel=title)
+                axis.set(title=reading.of_experiment(experiment) if len(found) > 1 else "", xlabel="step", ylabel=title)
                 axis.grid(axis="y")
         handles = _handles(methods, labels, colours)
         handles.append(Patch(facecolor="0.85", label="range over seeds (line: mean)"))
         plotting.legend(figure, handles)
-        if left_out := len(trained - shown):
-            plotting.heading(figure, plotting.text(f"curves of {left_out} more are in the dashboard"))
+        if len(found) == 1:
+            plotting.heading(figure, plotting.text(reading.of_experiment(next(iter(found)))))
         plotting.save(figure, outputs)
 
 
@@ -311,7 +327,7 @@ def _limits(axes: Sequence[Axes], truth: np.ndarray) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _curve(axis: Axes, logs: Sequence[Log], metric: str, colour: tuple, dash: object) -> None:
+def _curve(axis: Axes, logs: Sequence[Log], metric: str, look: Mapping) -> None:
     """Groups of seeds of one method side by side; a long course is averaged in bins."""
     by_step: dict[int, list[float]] = {}
     for log in logs:
@@ -331,8 +347,8 @@ def _curve(axis: Axes, logs: Sequence[Log], metric: str, colour: tuple, dash: ob
     steps = np.add.reduceat(steps, edges) / counts
     values = np.add.reduceat(values, edges) / counts[:, None]
     if widest > 1:
-        axis.fill_between(steps, values.min(1), values.max(1), color=colour, alpha=0.25, linewidth=0)
-    axis.plot(steps, values.mean(1), color=colour, linestyle=dash, linewidth=1.3)
+        axis.fill_between(steps, values.min(1), values.max(1), color=look["color"], alpha=0.25, linewidth=0)
+    axis.plot(steps, values.mean(1), linewidth=1.3, **look)
 
 
 def _scale(axis: Axes) -> None:
@@ -381,5 +397,9 @@ def _first_trained(found: Mapping[str, Forecasts]) -> int:
 
 def _handles(methods: Sequence[str], labels: Mapping[str, str], colours: Mapping) -> list[Line2D]:
     """Entries of a legend."""
-    lines = {m: {"color": colours[m], "linestyle": plotting.dash(m)} for m in methods}
-    return [Line2D([], [], label=labels.get(m, m), **line) for m, line in lines.items()]
+    return [Line2D([], [], label=labels.get(m, m), **_look(m, colours)) for m in methods]
+
+
+def _look(version: str, colours: Mapping) -> dict:
+    """Of a line through so many points that none is marked."""
+    return plotting.look(version, colours) | {"marker": ""}

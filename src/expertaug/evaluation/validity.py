@@ -9,6 +9,9 @@ import numpy as np
 import pandas as pd
 import torch
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 from torch import Tensor
 
 from expertaug import plotting
@@ -22,6 +25,7 @@ from expertaug.models.settings import Refinement
 from expertaug.models.store import StoredModel, device_of
 from expertaug.settings import given_ranges
 from expertaug.trajectories import Trajectories
+from expertaug.versions import compared
 from expertaug.windows import Windows
 
 SETS = ("train", "iid", "validation", "test")  # of the two in the middle the first that there is
@@ -32,6 +36,7 @@ CAPTION = (
     "training windows, which are the yardstick. Error of F_a: ‖F_a − truth‖/‖truth‖ on the windows' own states, "
     "median, of simulated data. Holds: range around the training's in which three quarters of windows are explained."
 )
+DOTTED = {"linewidth": 0.7, "linestyle": ":"}
 COLUMNS = {
     "explained": "explained [%]",
     "chi2": "χ²/n, median",
@@ -56,7 +61,8 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: V
     sets = {name: path for name in SETS if (path := Path(data) / f"{name}.npz").is_file()}
     if "iid" in sets:
         sets.pop("validation", None)
-    known = {name: Trajectories.load(path).spread(job.validity.samples) for name, path in sets.items()}
+    whole = {name: Trajectories.load(path) for name, path in sets.items()}
+    known = {name: one.spread(job.validity.samples) for name, one in whole.items()}
     rows, found, says = [], {}, []
     for path, (version, label, fitting) in zip(models, job.versions, strict=True):
         stored = load(path, device_of(job.device), job.classes or ())
@@ -79,7 +85,8 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: V
     cells = [[r["label"], r["set"], *(_text(r[key]) for key in COLUMNS)] for r in rows]
     notes = [f"- {escape(line)}" for line in says]
     table = Table(header, [("", cells)], 2, (), title, CAPTION, "validity", notes=notes)
-    Study(long, [table], lambda: _draw(found, job, title)).save(outputs)
+    trained = _true_range(whole["train"]) if "train" in whole else None
+    Study(long, [table], lambda: _draw(found, job, title, trained)).save(outputs)
 
 
 def _refit(stored: StoredModel, data: Trajectories, fitting: Refinement, how: ValiditySettings) -> Refit:
@@ -89,6 +96,12 @@ def _refit(stored: StoredModel, data: Trajectories, fitting: Refinement, how: Va
     truth = (torch.from_numpy(data.z_e), torch.from_numpy(data.z_a)) if simulated else None
     prior = None if fitting.prior is None else given_ranges(fitting.prior)
     return refit(stored, windows, fitting.noise, prior, fitting.settings, how, truth)
+
+
+def _true_range(train: Trajectories) -> tuple[float, float] | None:
+    """Of the first expert parameter in a training set that knows it."""
+    values = train.z_e[:, 0] if train.z_e.shape[1] else np.array([np.nan])
+    return (float(values.min()), float(values.max())) if np.isfinite(values).all() else None
 
 
 def _along(name: str, k: int, fits: Mapping[str, Refit]) -> Validity:
@@ -117,35 +130,44 @@ def _numbers(one: Refit, limit: float) -> dict[str, float]:
     }
 
 
-def _draw(found: Mapping, job: ValidityJob, title: str) -> Figure:
-    """χ²/n, and the change of F_a with its error, along the first parameter: a line a version."""
-    colours = plotting.colours(list(found), dict(job.hues))
+def _draw(found: Mapping, job: ValidityJob, title: str, trained: tuple[float, float] | None = None) -> Figure:
+    """χ²/n, and the change of F_a, along the first parameter: a line a version, dotted what the training windows have.
+
+    Arguments:
+        trained: the true range of the training set, which is shaded; None: that of its windows' estimates is.
+    """
+    shown = compared(list(found))
+    colours = plotting.colours(shown, dict(job.hues))
     with plotting.styled():
-        figure = plotting.new_figure(3.2)
+        figure = plotting.new_figure(3.4)
         left, right = figure.subplots(1, 2)
-        for version, (label, fits, each, unit) in found.items():
+        ends, handles = [], []
+        for version in shown:
+            label, fits, each, unit = found[version]
             name, one = next(iter(each.items()))
             middle = 0.5 * (one.edges[1:] + one.edges[:-1])
-            look = {"color": colours[version], "linestyle": plotting.dash(version), "linewidth": 1.2}
-            good = np.isfinite(one.chi2)
-            left.plot(middle[good], one.chi2[good], marker="o", markersize=3, label=plotting.text(label), **look)
-            left.axhline(one.limit, color=colours[version], linewidth=0.7, linestyle=":")
-            change = _binned(fits, one.edges)
-            good = np.isfinite(change)
-            right.plot(middle[good], 100 * change[good], marker="o", markersize=3, **look)
-            right.axhline(
-                100 * float(fits["train"].change().mean()), color=colours[version], linewidth=0.7, linestyle=":"
-            )
-            for axis in (left, right):
-                axis.axvspan(*one.trained, color="0.92", linewidth=0, zorder=0)
-                axis.set_xlabel(plotting.quantity(name, unit))
-                axis.grid(alpha=0.4)
+            look = plotting.look(version, colours) | {"linewidth": 1.2}
+            handles.append(Line2D([], [], label=label, **look))
+            change = 100 * _binned(fits, one.edges)
+            usual = 100 * float(fits["train"].change().mean())
+            for axis, values, level in ((left, one.chi2, one.limit), (right, change, usual)):
+                good = np.isfinite(values)
+                axis.plot(middle[good], values[good], **look)
+                axis.axhline(level, color=colours[version], **DOTTED)
+            ends.append(one.trained)
+        shaded = trained or (min(low for low, _ in ends), max(high for _, high in ends))
         for axis in (left, right):
+            axis.axvspan(*shaded, color="0.92", linewidth=0, zorder=0)
+            axis.set_xlabel(plotting.quantity(name, unit))
+            axis.xaxis.set_major_locator(MaxNLocator(5))
+            axis.grid(alpha=0.4)
             plotting.plain_log(axis)
-        left.set(ylabel="χ²/n of windows, median (dotted: limit)")
-        right.set(ylabel=plotting.text("change of F_a [%] (dotted: training)"))
+        left.set(ylabel="χ²/n of windows, median")
+        right.set(ylabel=plotting.text("change of F_a [%]"))
+        what = "training range" if trained else "range of the training windows' estimates"
+        handles.append(Line2D([], [], color="0.3", label="training windows (left: their 95 % quantile)", **DOTTED))
         plotting.heading(figure, plotting.text(title))
-        plotting.legend(figure, left.get_legend_handles_labels()[0])
+        plotting.legend(figure, [*handles, Patch(color="0.92", label=what)])
     return figure
 
 

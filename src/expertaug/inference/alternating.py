@@ -87,7 +87,7 @@ class Alternation:
         held: what all windows share; None: nothing.
 
     Attributes:
-        best: state of the decoder of each seed's best validation score, by the names of its tensors.
+        best: state of the decoder of each seed's best selection score, by the names of its tensors.
         best_latent: mean and standard deviation of the training windows' z_a then, (2, S, Q).
     """
 
@@ -285,7 +285,7 @@ class Alternation:
         scores = self.best_score[torch.isfinite(self.best_score)]
         best = f"{scores.mean():.2f}" if len(scores) else "–"
         logger.info(
-            "%s: step %d/%d, loss %.4g, best validation log-MSE %s, %d s gone, %d s left",
+            "%s: step %d/%d, loss %.4g, best selection score %s, %d s gone, %d s left",
             self.name, self.step_, self.settings.steps, parts["loss"].mean(), best, self.seconds, left,
         )  # fmt: skip
 

@@ -149,7 +149,7 @@ class TrainSettings(Settings):
         "how often a seed is begun anew, at most, from other first weights, where it is restart_gap behind the best "
         "seed of its job; of trainings, not of fine-tunings",
     )
-    restart_gap: Positive = key(1.0, "how far behind the best seed's validation log-MSE a seed has failed")
+    restart_gap: Positive = key(1.0, "how far behind the best seed's selection score a seed has failed")
     horizon_s: Positive = key(
         LEFT_OUT,
         "end of the part of a trajectory that the loss compares; left out = data.t1_s, or in fine-tuning that of "

@@ -102,7 +102,7 @@ class Trainer:
         failed: seeds that cannot be trained, with the reasons; the others go on without them.
     """
 
-    SCORE = "validation log-MSE"
+    SCORE = "selection score"
 
     def __init__(
         self,

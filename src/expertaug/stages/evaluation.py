@@ -34,7 +34,9 @@ if TYPE_CHECKING:
 
 METRICS = "metrics.csv of every method and group of seeds"
 FORECASTS = "forecasts.npz of the same runs, which have the errors of every sample"
+LONG = "long table of the experiment"
 OF_ALL = "forecasts.npz of every version and group of seeds of an experiment"
+EVALUATED = ("metrics.csv", "forecasts.npz")
 TABLE = "files, .csv, .md or .tex"
 MODELS = (*TRAINED, "finetune", "flow")  # stages that write model files
 STUDY = "files, .csv, .md, .tex, .png or .pdf"
@@ -136,11 +138,11 @@ class Plot(Stage):
     code = "expertaug.evaluation.plot"
     job = "expertaug.evaluation.settings:PlotJob"
     slice = "expertaug.config.shown_settings:plot"
-    reads = ("evaluate", *MODELS)
+    reads = ("evaluate", "tabulate", *MODELS)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("metrics", type=Path, nargs="+", help=METRICS)
+        parser.add_argument("table", type=Path, help=LONG)
         text = "forecasts.npz of one group of seeds per method"
         parser.add_argument("--forecasts", type=Path, nargs="+", required=True, help=text)
         text = "log.jsonl of every trained method and group of seeds"
@@ -151,7 +153,7 @@ class Plot(Stage):
     def run(a: argparse.Namespace, job: PlotJob) -> None:
         from expertaug.evaluation.plot import plot
 
-        plot(a.metrics, a.forecasts, a.logs, a.output, job)
+        plot(a.table, a.forecasts, a.logs, a.output, job)
 
 
 class Study(StudyStage):
@@ -165,15 +167,16 @@ class Study(StudyStage):
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        text = "metrics.csv (during_training.csv) of every variant and group of seeds"
-        parser.add_argument("metrics", type=Path, nargs="+", help=text)
+        text = "metrics.csv and forecasts.npz (during_training.csv) of every variant and group of seeds"
+        parser.add_argument("files", type=Path, nargs="+", help=text)
         add_outputs(parser, STUDY)
 
     @staticmethod
     def run(a: argparse.Namespace, job: StudyJob) -> None:
         from expertaug.evaluation.studies import study
 
-        study(a.metrics, a.output, job)
+        forecasts = [path for path in a.files if path.suffix == ".npz"]
+        study([path for path in a.files if path not in forecasts], a.output, job, forecasts)
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
@@ -183,7 +186,7 @@ class Study(StudyStage):
             return []
         if study == "during_training":  # scores of one method's models along its training
             return files.of_versions(experiment, files.followed(experiment), "during_training.csv")
-        return files.of_versions(experiment, jobs.studied(files.config, experiment, study), "metrics.csv")
+        return files.of_versions(experiment, jobs.studied(files.config, experiment, study), *EVALUATED)
 
     @classmethod
     def names(cls, experiment: str, study: str) -> tuple[str, ...]:
@@ -503,19 +506,18 @@ class Overview(Stage):
     code = "expertaug.evaluation.dots"
     job = "expertaug.evaluation.settings:OverviewJob"
     slice = "expertaug.config.shown_settings:overview"
-    reads = ("evaluate",)
+    reads = ("tabulate",)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        text = "metrics.csv of every experiment, method and group of seeds"
-        parser.add_argument("metrics", type=Path, nargs="+", help=text)
+        parser.add_argument("tables", type=Path, nargs="+", help="long table of every experiment")
         add_paths(parser, output="folder of the figures")
 
     @staticmethod
     def run(a: argparse.Namespace, job: OverviewJob) -> None:
         from expertaug.evaluation.dots import overview
 
-        overview(a.metrics, a.output, job)
+        overview(a.tables, a.output, job)
 
 
 class Report(Stage):

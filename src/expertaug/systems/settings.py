@@ -59,6 +59,7 @@ class SystemSettings(Settings):
         name: the module of expertaug.systems, or what :func:`expertaug.systems.load` takes.
         STATE, EXPERT, INTERACTION: names of the state's components, of z_e and of the simulation's z_a.
         SIMULATED: whether it can be simulated.
+        UNITS: of those of z_e and z_a that have one.
         STARTS: names of those of z_e that say how a forecast starts, and are no constants of an apparatus.
         FIELDS: whether its state is fields on a grid.
         EVENTS: whether it has events.
@@ -68,6 +69,7 @@ class SystemSettings(Settings):
     STATE: ClassVar[tuple[str, ...]]
     EXPERT: ClassVar[tuple[str, ...]]
     INTERACTION: ClassVar[tuple[str, ...]] = ()
+    UNITS: ClassVar[dict[str, str]] = {}
     STARTS: ClassVar[tuple[str, ...]] = ()
     SIMULATED: ClassVar[bool] = True
     FIELDS: ClassVar[bool] = False
@@ -117,6 +119,7 @@ class PendulumSettings(SystemSettings):
     STATE = ("theta", "omega")
     EXPERT = ("omega0",)
     INTERACTION = ("alpha",)
+    UNITS: ClassVar[dict[str, str]] = {"omega0": "rad/s", "alpha": "1/s"}
 
     name: Literal["pendulum"] = key("pendulum", "the damped pendulum")
     friction: Literal["estimated"] | None = key(
@@ -144,6 +147,7 @@ class DrivenPendulumSettings(SystemSettings):
     STATE = ("theta", "omega")
     EXPERT = ("omega0",)
     INTERACTION = ("gamma",)
+    UNITS: ClassVar[dict[str, str]] = {"omega0": "rad/s", "gamma": "1/s"}
 
     name: Literal["driven_pendulum"] = key("driven_pendulum", "the driven, damped pendulum")
 
@@ -162,6 +166,7 @@ class BouncingBallSettings(SystemSettings):
     STATE = ("h", "v")
     EXPERT = ("g", "e")
     INTERACTION = ("k",)
+    UNITS: ClassVar[dict[str, str]] = {"g": "m/s²", "k": "1/s"}
     EVENTS = True
 
     name: Literal["bouncing_ball"] = key("bouncing_ball", "a ball that bounces on the ground")
@@ -181,6 +186,7 @@ class RLCSettings(SystemSettings):
     STATE = ("U", "I")
     EXPERT = ("L", "C")
     INTERACTION = ("R",)
+    UNITS: ClassVar[dict[str, str]] = {"L": "H", "C": "F", "R": "ohm"}
 
     name: Literal["rlc"] = key("rlc", "the RLC circuit")
     equations: Literal["kirchhoff", "additive", "code"] = key(
@@ -229,6 +235,7 @@ class DoublePendulumSettings(SystemSettings):
 
     STATE = ("theta1", "theta2", "omega1", "omega2")
     EXPERT = STARTS = ("omega1", "omega2")
+    UNITS: ClassVar[dict[str, str]] = {"omega1": "rad/s", "omega2": "rad/s"}
     SIMULATED = False
 
     name: Literal["double_pendulum"] = key("double_pendulum", "the planar double pendulum")

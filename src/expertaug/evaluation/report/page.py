@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import count
@@ -97,9 +98,11 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
     sections.append((RECORDINGS, _blocks(numbers, [s for s in shown if _room(s) == RECORDINGS], results, job)))
     measured = costs.of_run(results / "logs")
     record = run_record.of_run(results, measured)
+    titles, notice = _without_notice([one.of_experiment(one.name) for _, one in experiments])
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     page = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
-        title=f"Results of {', '.join(one.of_experiment(one.name) for _, one in experiments)}",
+        title=f"Results of {', '.join(titles)}",
+        notice=notice,
         sentences=[headline.sentence(*one) for one in experiments],
         headline=first,
         linked=bool(first.links),
@@ -111,6 +114,16 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
         graph=drawing(job.rules),
     )
     write_text(output, page)
+
+
+def _without_notice(titles: Sequence[str]) -> tuple[list[str], str]:
+    """Titles without the remark in brackets that all of them end in, as of a toy run, and that remark; it is the page's
+    banner."""
+    ends = [re.fullmatch(r"(.+?) \((.+)\)", title) for title in titles]
+    remarks = {end and end[2] for end in ends}
+    if len(remarks) != 1 or None in remarks:
+        return list(titles), ""
+    return [end[1] for end in ends if end], remarks.pop() or ""
 
 
 def _of_experiment(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from expertaug.errors import InputError
-from expertaug.evaluation import estimates
+from expertaug.evaluation import estimates, summary
 from expertaug.evaluation.estimates import TabledEstimate
 from expertaug.evaluation.intervals import Interval
 from expertaug.evaluation.metrics import COST, metric_of
@@ -65,7 +65,7 @@ def read_long(path: Path) -> list[TabledMean]:
     Raises:
         InputError: it is missing or broken.
     """
-    return read_csv(_there(path), TabledMean, AGAIN)
+    return summary.read_long(_there(path), AGAIN)
 
 
 def _there(path: Path) -> Path:
@@ -145,8 +145,9 @@ def of_file(path: Path, reading: Reading) -> Table:
         InputError: the file is missing or broken.
     """
     table = read(path)
-    if {column.name for column in columns(Mean) if column.needed} <= set(table):
-        return by_label(read_csv(path, Mean, AGAIN), reading)
+    for kind in (TabledMean, Mean):
+        if {column.name for column in columns(kind) if column.needed} <= set(table):
+            return by_label(read_csv(path, kind, AGAIN), reading)
     kept = table.drop(columns=[c for c in UNSAID if c in table and "label" in table])
     kept = kept.dropna(axis="columns", how="all")
     if "seed" in kept:
