@@ -1,5 +1,6 @@
-"""Snakemake's log as Snakemake writes it, but for configuration files that it cannot read and targets that are none:
-those get one clear line.
+"""Snakemake's log in few words: a line when a job starts and one when it fails, and one clear line for configuration
+files that it cannot read and targets that are none.  Its own log file has everything; so have ``-n``, ``-p`` and
+``--verbose``.
 
 Snakemake reads ``--configfile`` before any line of a workflow runs, and ends on a file that is missing or not YAML with
 a traceback, or with a message that does not name the file.  A logger plugin is what it offers to word its errors
@@ -13,6 +14,7 @@ import difflib
 import logging
 import re
 import sys
+import time
 from collections.abc import Sequence
 
 from snakemake_interface_logger_plugins.base import LogHandlerBase
@@ -21,10 +23,17 @@ from snakemake_interface_logger_plugins.common import LogEvent
 targets: list[str] = []  # names that the workflow makes, from its Snakefile
 _NO_RULE = re.compile(r"No rule to produce (?P<name>.+?) \(if you use input functions")
 _OPTIONS = ("--configfile", "--configfiles")
+# What begins its lines on how it is set up and where it is in its own work.
+_SETUP = (
+    *("Using workflow specific profile", "Config file ", "Assuming unrestricted shared filesystem", "Building DAG"),
+    *("Using shell: ", "Provided cores: ", "Rules claiming more threads", "Provided resources: ", "Job stats:"),
+    *("Conda environments: ignored", "Select jobs to execute"),
+)
+_UNTOLD = (LogEvent.JOB_STARTED, LogEvent.JOB_FINISHED, LogEvent.RUN_INFO, LogEvent.RESOURCES_INFO)
 
 
 class LogHandler(LogHandlerBase):
-    """Snakemake's own handler of the terminal, given another text where a configuration file is at fault."""
+    """Snakemake's own handler of the terminal, given fewer words."""
 
     def __post_init__(self) -> None:
         from snakemake.logging import ColorizingTextHandler  # it looks for plugins while it is imported
@@ -41,8 +50,12 @@ class LogHandler(LogHandlerBase):
         if getattr(record, "event", None) == LogEvent.ERROR and (
             said := refusals(sys.argv[1:]) or no_target(record.getMessage())
         ):
-            record = logging.makeLogRecord({"levelno": record.levelno, "levelname": record.levelname, "msg": said})
-        self.terminal.emit(record)
+            record = _saying(said, record)
+        given = self.common_settings
+        if given.dryrun or given.printshellcmds or given.verbose:
+            self.terminal.emit(record)
+        elif (shorter := in_few_words(record)) is not None:
+            self.terminal.emit(shorter)
 
     @property
     def writes_to_stream(self) -> bool:
@@ -63,6 +76,29 @@ class LogHandler(LogHandlerBase):
     @property
     def needs_rulegraph(self) -> bool:
         return False
+
+
+def in_few_words(record: logging.LogRecord) -> logging.LogRecord | None:
+    """What the terminal gets of a record; None for nothing."""
+    event, message = getattr(record, "event", None), str(record.msg or "")
+    clock = time.strftime("%H:%M:%S", time.localtime(record.created))
+    if event in _UNTOLD or (event is None and message.startswith(_SETUP)):
+        return None
+    if event == LogEvent.JOB_INFO:
+        told = getattr(record, "rule_msg", None)  # a target has none, and files by the hundred
+        return _saying(f"{clock}  {told}", record) if told else None
+    if event == LogEvent.JOB_ERROR:
+        told, logs = (getattr(record, name, None) for name in ("rule_msg", "log"))
+        where = f" (log: {', '.join(map(str, logs))})" if logs else ""
+        name = getattr(record, "rule_name", None) or "a job"
+        return _saying(f"{clock}  Error in rule {name}{f': {told}' if told else ''}{where}", record)
+    return record
+
+
+def _saying(text: str, record: logging.LogRecord) -> logging.LogRecord:
+    """A plain record of the level of another one."""
+    fields = {"levelno": record.levelno, "levelname": record.levelname, "msg": text, "created": record.created}
+    return logging.makeLogRecord(fields)
 
 
 def configuration_files(arguments: Sequence[str]) -> list[str]:

@@ -131,7 +131,7 @@ def _jobs(config: Configuration) -> Iterator[Job]:
 
 
 def _job(one: Experiment | _PublishedExperiment, stage: str, experiment: str, variant: str, seeds: int) -> Job:
-    sizes = {name: each.size for name, each in (one.data.sets or {}).items()}
+    sizes = {name: each.size for name, each in (one.data.sets or {}).items() if each is not None}
     return Job(stage, experiment, variant, _work(one, stage, variant, seeds), seeds, sizes)
 
 

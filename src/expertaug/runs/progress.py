@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Sized
+from collections.abc import Sequence, Sized
 from pathlib import Path
 from typing import Any
 
+from expertaug import __version__
 from expertaug.evaluation import costs
 from expertaug.runs import eta
 from expertaug.tracking.settings import tracking_of_run
@@ -24,12 +25,13 @@ class Watch(logging.Handler):
     Arguments:
         results: the results folder.
         published: folder of published runs, whose costs estimate this one's.
+        run: names of the run's experiments.
     """
 
-    def __init__(self, results: Path, published: Path) -> None:
+    def __init__(self, results: Path, published: Path, run: Sequence[str] = ()) -> None:
         super().__init__()
         self.logs = Path(results) / "logs"
-        self.published = Path(published)
+        self.published, self.run = Path(published), list(run)
         self.began: dict[int, float] = {}
         self.ended: set[int] = set()
         self.failed: dict[int, tuple[str, list[str]]] = {}
@@ -48,7 +50,7 @@ class Watch(logging.Handler):
         logger.addHandler(self)
         try:
             estimate = self.first_estimate()
-            for line in (*self.plan(), estimate):
+            for line in (f"expertaug {__version__}: {', '.join(self.run)}", *self.plan(), estimate):
                 logger.info(line)
         except Exception as error:  # it never ends a run
             logger.warning(f"How long this takes cannot be estimated: {error}")
