@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -34,10 +35,12 @@ from expertaug_recordings.angles.pendulum_fit import (
 )
 from expertaug_recordings.angles.quality import CORRECTED, MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
 from expertaug_recordings.angles.rectify import Rectified, rectify
+from expertaug_recordings.angles.shooting import Misfit, misfit
 from expertaug_recordings.angles.smoothing import (
     Motion,
     Smoothing,
     Window,
+    filled,
     longest_window,
     smooth_motion,
     window_frames,
@@ -84,10 +87,31 @@ def _neighbours(states: np.ndarray, fit: Fit, reach: int, interval: float) -> np
     return np.concatenate((sides[0][:, :0:-1], sides[1]), axis=1)
 
 
+def with_misfit(motion: Motion, off: Misfit, order: int, rate: float) -> Motion:
+    """The motion with uncertainties that hold what no pendulum explains; a speed's come from its frames' angles.
+
+    Arguments:
+        motion: with the uncertainties that the markers' noise makes.
+        off: what trajectories leave.
+        order: of the smoothing polynomials.
+        rate: frames per second.
+    """
+    std = motion.std.copy()
+    error = off.error(motion.y[:, 2:])
+    std[:, :2] = np.hypot(std[:, :2], error)
+    for reach in np.unique(motion.reach):
+        half = order // 2 + 1
+        window = Window(reach, 2 * reach, -1) if reach else Window(half, order, -1)
+        gain = float(np.linalg.norm(window.weights(1, rate)))
+        std[:, 2:] = np.where(motion.reach == reach, np.hypot(std[:, 2:], gain * error), std[:, 2:])
+    return replace(motion, std=std)
+
+
 STATE = ("theta1", "theta2", "omega1", "omega2")
 SECOND = ("theta2", "omega2", "tip")  # columns that a single pendulum has nothing for begin so
 MOST_UNSMOOTHED = 0.5  # share of angles without smoothing that needs no word
 MOST_WORSE = 1.5  # times the markers' noise, of smoothed angles
+LATE_MS = 0.05  # by which frames are off their times where it is said
 logger = logging.getLogger(__name__)
 
 
@@ -105,6 +129,7 @@ class Angles:
         quality, reason: (n,), of each frame.
         implied: by the motion.
         energy: (n,) in s⁻².
+        off: how far the angles are off any pendulum's motion; None where that cannot be told.
     """
 
     markers: MarkerTable
@@ -119,6 +144,12 @@ class Angles:
     reason: np.ndarray
     implied: Implied
     energy: np.ndarray
+    off: Misfit | None
+
+    @property
+    def unexplained(self) -> Misfit | None:
+        """The same where it is more than the markers' noise."""
+        return self.off if self.off is not None and self.off.beyond else None
 
 
 def measure_angles(markers: str | Path, output: str | Path, summary: str | Path, job: MeasureAnglesJob) -> None:
@@ -193,11 +224,18 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     except InputError as error:
         raise InputError(path, str(error)) from error
     motion = with_motion_between(motion, implied.fit, noise, rate)
+    seen = np.where(good[:, None], motion.raw, np.nan)
+    known = np.broadcast_to(noise.std, seen.shape)
+    if markers.interpolation is not None:
+        known = np.hypot(known, filled(markers.interpolation))
+    off = misfit(seen, motion.y, known, implied.fit, rate, job.single)
     of_both = single_energy(motion.y[:, 0], motion.y[:, 2], implied.fit.constants.G1) if job.single else None
     level = energy(motion.y, implied.fit.constants) if of_both is None else of_both
-    return Angles(
-        markers, arms, tracked, fitting, noise, length_std, marker_std, motion, quality, reason, implied, level
+    angles = Angles(
+        markers, arms, tracked, fitting, noise, length_std, marker_std, motion, quality, reason, implied, level, off
     )
+    unexplained = angles.unexplained
+    return angles if unexplained is None else replace(angles, motion=with_misfit(motion, unexplained, order, rate))
 
 
 def _require(path: Path, usable: np.ndarray, rate: float, job: MeasureAnglesJob) -> None:
@@ -268,10 +306,12 @@ def _summarise(name: str, angles: Angles, job: MeasureAnglesJob, rectified: Rect
         warnings=[
             *contradictions(angles.implied, rate, job.rate_provenance, job.arm1_m, rotation),
             *_doubts(angles, uncertain, job),
+            *_unexplained(angles, job.single),
             *angles.markers.timing.doubts(len(angles.markers)),
         ],
         constants=fit.constants.to_dict(),
         friction=fit.friction,
+        misfit_deg=None if angles.off is None else tuple(np.rad2deg(angles.off.rms).tolist()),
         r2_1=fit.r2[0],
         r2_2=fit.r2[1],
         energy_start=float(np.median(angles.energy[good][:second])),
@@ -298,3 +338,30 @@ def _doubts(angles: Angles, uncertain: np.ndarray, job: MeasureAnglesJob) -> lis
         f"the motion is too fast for polynomials at {rate:g} Hz: {share.max():.0%} of the angles are as measured, and"
         f" the speeds are uncertain by {uncertain[2]:.2g} and {uncertain[3]:.2g} rad/s in the median"
     ]
+
+
+def _unexplained(angles: Angles, single: bool) -> list[str]:
+    """That no pendulum moves so, in plain words, and what may be the cause."""
+    off, r2 = angles.off, angles.implied.fit.r2
+    shown = slice(0, 1) if single else slice(0, 2)
+    if off is None:
+        if min(r2) >= LEAST_R2:
+            return []
+        return [
+            f"the pendulum explains a share of {_listed(r2[shown], '.2f')} of the motion (R²) and no stretch is long"
+            " enough to tell the angles' errors: take their uncertainties for too small"
+        ]
+    if not off.beyond:
+        return []
+    late = 1000 * np.sqrt(off.timing[shown].min())  # one time is wrong for both
+    times = f", as if frames were off their times by {late:.1f} ms" if late > LATE_MS else ""
+    return [
+        f"the angles are off any pendulum's motion by {_listed(np.rad2deg(off.rms[shown]), '.2g')}° rms{times} (R²"
+        f" {_listed(r2[shown], '.2f')}), their markers by {_listed(np.rad2deg(off.known[shown]), '.2g')}°: the"
+        " uncertainties were widened to that; use the original if the video was converted to another frame rate, and"
+        " check arms and view"
+    ]
+
+
+def _listed(values: Sequence[float], form: str) -> str:
+    return " and ".join(format(value, form) for value in values)

@@ -69,6 +69,8 @@ class RecordingSummary(BaseModel):
         implied_rotation_deg: by the motion; None where it does not tell.
         warnings: what the motion contradicts.
         constants, friction: those of the pendulum that moves like that, in the stated time.
+        misfit_deg: how far both angles are off the motion of any pendulum, rms, the markers' noise included; None where
+            no stretch tells.
         r2_1, r2_2: shares of the motion of the two angles that they explain.
         energy_start, energy_end: in s⁻².
     """
@@ -113,6 +115,7 @@ class RecordingSummary(BaseModel):
     warnings: list[str]
     constants: Annotated[dict[Literal["B1", "G1", "B2", "G2"], float], Field(min_length=4)]
     friction: tuple[float, float]
+    misfit_deg: tuple[float, float] | None = None
     r2_1: float
     r2_2: float
     energy_start: float

@@ -104,6 +104,7 @@ def _heading(found: RecordingSummary) -> str:
     gaps = f"{found.gaps} gaps, the longest of {found.longest_gap_frames} frames" if found.gaps else "no gaps"
     if found.pendulum == "single":
         return "\n".join(textwrap.fill(line, WIDTH) for line in _single(found, gaps, turned))
+    off = found.misfit_deg
     lines = [
         f"{found.frames} frames, {found.duration_s:.1f} s; tracked {found.tracked_share:.2%}, used"
         f" {found.usable_share:.2%}; {gaps}; {found.interpolated} frames interpolated",
@@ -116,7 +117,8 @@ def _heading(found: RecordingSummary) -> str:
         f" {found.uncertainty2_deg:.3f}°, of the speeds {found.uncertainty1_rad_s:.2g} and"
         f" {found.uncertainty2_rad_s:.2g} rad/s",
         _pivot(found) + _offsets(found),
-        f"Constants {constants} (G in s⁻²); R² {found.r2_1:.4f} and {found.r2_2:.4f}",
+        f"Constants {constants} (G in s⁻²); R² {found.r2_1:.4f} and {found.r2_2:.4f}"
+        + ("" if off is None else f"; angles off its motion by {off[0]:.2g}° and {off[1]:.2g}° rms"),
     ]
     return "\n".join(textwrap.fill(line, WIDTH) for line in lines)
 
@@ -147,7 +149,8 @@ def _single(found: RecordingSummary, gaps: str, turned: str) -> list[str]:
         *_rectified(found),
         f"Arm {found.arm1_px:.2f} ± {found.arm1_std_px:.2f} px; noise of the measured angle {found.noise1_deg:.3f}°, of"
         f" the smoothed one {found.uncertainty1_deg:.3f}°, of the speed {found.uncertainty1_rad_s:.2g} rad/s",
-        f"ω0 {omega0:.4g} rad/s, α {alpha:.3g} s⁻¹; R² {found.r2_1:.4f}",
+        f"ω0 {omega0:.4g} rad/s, α {alpha:.3g} s⁻¹; R² {found.r2_1:.4f}"
+        + ("" if found.misfit_deg is None else f"; angles off its motion by {found.misfit_deg[0]:.2g}° rms"),
     ]
 
 

@@ -1,0 +1,103 @@
+"""Clips whose frames are not at their times, as converters leave them: what cannot be undone is said, and stated."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from pendulum_motion import markers, truth
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+
+from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.summary import RecordingSummary
+from expertaug_recordings.reports.page import _heading
+from expertaug_recordings.reports.summary import summarise
+from expertaug_recordings.settings import MeasureAnglesJob
+
+ANGLES = ["theta1", "theta2"]
+THROUGH = CubicSpline(np.arange(16000) / 400, truth(), axis=1)
+
+
+def angles_at(t, launch=0):
+    """True angles (n, 2) at times t (n,) in s."""
+    return THROUGH(t)[launch][:, :2]
+
+
+def clip(shown, rate, launch=0, noise=0.05, slower=0.6):
+    """markers.csv of evenly timed frames that show times (n,) in s, and the angles (n, 2) at their own."""
+    y = np.concatenate((angles_at(np.asarray(shown) * slower, launch), np.zeros((len(shown), 2))), axis=1)
+    return markers(y, rate, noise=noise), angles_at(np.arange(len(shown)) / rate * slower, launch)
+
+
+def measure(folder, table, **settings):
+    files = [folder / name for name in ("markers.csv", "angles.csv", "angles.json")]
+    table.to_csv(files[0], index=False)
+    measure_angles(*files, MeasureAnglesJob(arm1_m=None, **settings))
+    return pd.read_csv(files[1]), RecordingSummary.load(files[2])
+
+
+def off_and_stated(table, true):
+    """Errors and standard uncertainties (n, 2) in degrees of the measured frames; ``true`` (frames, 2) in rad.
+
+    What all errors have in common with one shift of all times is no error of a frame.
+    """
+    good = (table["quality"] == 1).to_numpy()
+    off = np.angle(np.exp(1j * (table[ANGLES].to_numpy() - true)))[good]
+    speed = np.gradient(np.unwrap(true, axis=0), axis=0)[good]
+    off = off - speed * (off * speed).sum() / (speed**2).sum()
+    return np.rad2deg(off), np.rad2deg(table[[f"{name}_std" for name in ANGLES]].to_numpy()[good])
+
+
+def rms(values):
+    return np.sqrt(np.mean(np.square(values), axis=0))
+
+
+def irregular(kind, count, rate):
+    """Times in s that frames show, of clips whose pattern nothing tells."""
+    rng = np.random.default_rng(3)
+    even = np.arange(count) / rate
+    if kind == "a screen's refresh":  # each frame shows what was drawn last
+        return np.floor(even * 144 + rng.uniform(0, 1, count)) / 144
+    return even + rng.uniform(-0.3, 0.3, count) / rate
+
+
+@pytest.mark.parametrize("rate", [30, 60, 120])
+@pytest.mark.parametrize("kind", ["a screen's refresh", "uneven"])
+def test_frames_off_their_times_are_a_warning_and_widen_the_uncertainties(tmp_path, rate, kind, caplog):
+    table, true = clip(irregular(kind, 400, rate), rate)
+    angles, summary = measure(tmp_path, table)
+    off, stated = off_and_stated(angles, true)
+    ratio = rms(stated) / rms(off)
+    assert (rms(off) > 0.2).all() and ((ratio > 1 / 1.5) & (ratio < 1.5)).all(), (rms(off), ratio)
+    said = [text for text in summary.warnings if "off any pendulum's motion" in text]
+    assert len(said) == 1 and "frames were off their times by" in said[0] and "\n" not in said[0]
+    assert said[0] in caplog.text
+    assert summary.misfit_deg == pytest.approx(rms(off), rel=0.5)
+    assert "angles off its motion by" in " ".join(_heading(summary).split())
+    summarise([tmp_path / "angles.json"], tmp_path / "s.csv", tmp_path / "s.md")
+    assert "off any pendulum's motion" in (tmp_path / "s.md").read_text()
+    assert ";" in pd.read_csv(tmp_path / "s.csv")["misfit_deg"][0]
+
+
+@pytest.mark.parametrize(("rate", "launch"), [(25, 0), (30, 1), (60, 2), (120, 0), (400, 1)])
+def test_sound_clips_are_left_alone(tmp_path, rate, launch):
+    table, true = clip(np.arange(500) / rate, rate, launch)
+    angles, summary = measure(tmp_path, table)
+    off, stated = off_and_stated(angles, true)
+    ratio = rms(stated) / rms(off)
+    assert ((ratio > 1 / 1.5) & (ratio < 1.5)).all(), ratio
+    assert not [text for text in summary.warnings if "off any" in text or "converted" in text]
+    assert json.loads((tmp_path / "angles.json").read_text())["timing"]["repeated"] == 0
+
+
+def test_a_single_pendulum_too(tmp_path):
+    t = irregular("uneven", 300, 30)
+    theta = solve_ivp(lambda _, s: [s[1], -40 * np.sin(s[0])], (-1, 20), [2.2, 0], dense_output=True, rtol=1e-9).sol
+    true, theta = theta(np.arange(300) / 30)[0], theta(t)[0]
+    y = np.stack((theta, theta, 0 * t, 0 * t), axis=1)
+    angles, summary = measure(tmp_path, markers(y, 30, noise=0.03), single=True)
+    assert any("off any pendulum's motion" in text for text in summary.warnings)
+    good = angles["quality"] == 1
+    off = rms((angles["theta1"] - true)[good])
+    assert 1 / 1.5 < rms(angles["theta1_std"][good]) / off < 1.5
