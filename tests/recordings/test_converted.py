@@ -9,6 +9,7 @@ from pendulum_motion import markers, truth
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from expertaug.errors import InputError
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.reports.page import _heading
@@ -101,3 +102,46 @@ def test_a_single_pendulum_too(tmp_path):
     good = angles["quality"] == 1
     off = rms((angles["theta1"] - true)[good])
     assert 1 / 1.5 < rms(angles["theta1_std"][good]) / off < 1.5
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2])
+@pytest.mark.parametrize("rate", [30, 60])
+def test_many_missing_frames_are_bridged_at_a_cost_that_is_stated(tmp_path, rate, share):
+    """A phone that leaves frames out, whose timestamps are right."""
+    rng = np.random.default_rng(1)
+    kept = np.flatnonzero((rng.uniform(size=400) > share) | (np.arange(400) % 3 == 0))
+    table, _ = clip(kept / rate, rate)
+    table["t"] = kept / rate
+    angles, summary = measure(tmp_path, table, rate_hz=float(rate))
+    off, stated = off_and_stated(angles, angles_at(angles["t"].to_numpy() * 0.6))
+    ratio = rms(stated) / rms(off)
+    print(rms(off), np.median(abs(off), 0), ratio, summary.usable_share, summary.warnings)
+    assert summary.usable_share > 0.8 and ((ratio > 1 / 1.5) & (ratio < 1.5)).all(), ratio
+
+
+def scrambled(kind):
+    """A markers.csv of which next to nothing is usable, though all markers were found, and what is said of it."""
+    rng = np.random.default_rng(0)
+    if kind == "gaps":
+        kept = np.flatnonzero(np.arange(600) % 7 < 3)
+        table, _ = clip(kept / 30, 30)
+        return table.assign(t=kept / 30), r"all markers were found, \d+ are missing.*; use a video that has all frames"
+    if kind == "repeats":
+        shown = np.repeat(np.sort(rng.choice(400, 100, replace=False)), 4)[:300] / 60
+        return clip(shown, 60)[0], r"all markers were found, .*\d+ repeat the one before.*; use the video as it was"
+    return clip(np.arange(60) / 4, 4)[0], r"turn by \d+° from frame to frame.*; 4 frames/s are too few"
+
+
+@pytest.mark.parametrize("kind", ["gaps", "repeats", "one frame a swing"])
+def test_refusals_name_the_cause(tmp_path, kind):
+    table, message = scrambled(kind)
+    with pytest.raises(InputError, match=message) as error:
+        measure(tmp_path, table)
+    assert "check the tracking" not in str(error.value) and "\n" not in str(error.value)
+
+
+def test_markers_that_were_not_found_are_the_tracking(tmp_path):
+    table, _ = clip(np.arange(100) / 60, 60)
+    table.loc[5:, ["tip_x", "tip_y"]] = np.nan
+    with pytest.raises(InputError, match=r"in 95 the markers were not found.*; check the tracking"):
+        measure(tmp_path, table)

@@ -104,6 +104,10 @@ def _misfit(t: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 POINTS = 4  # frames by which a place between them is interpolated: two on either side
 LONGEST = 1.6  # nominal intervals between two of them
+MANY, OVER_ONE = (
+    0.05,
+    2.3,
+)  # share of longer ones, from which a missing frame is bridged, and how many those may be then
 SAME = 1e-3  # of an interval, within which a time is a frame's own
 
 
@@ -138,8 +142,9 @@ class Resampled:
 def resample(t: np.ndarray, place: np.ndarray, usable: np.ndarray, rate_hz: float) -> Resampled:
     """Interpolate the arms' angles and lengths by the cubic through four frames: a steady rotation stays one.
 
-    The error is that of the cubic's remainder, with the fourth derivative that each frame shows that is left out of the
-    cubic through its neighbours; the markers' noise adds to it, so that it is rather too large.
+    Where many frames are missing, places are interpolated across single ones.  The error is that of the cubic's
+    remainder, with the fourth derivative that each frame shows that is left out of the cubic through its neighbours;
+    the markers' noise adds to it, so that it is rather too large.
 
     Arguments:
         t: times (n,) in s, growing.
@@ -155,10 +160,11 @@ def resample(t: np.ndarray, place: np.ndarray, usable: np.ndarray, rate_hz: floa
     out = np.full((len(even), 3, 2), np.nan)
     own = kept & usable[source]
     out[own] = place[source[own]]
+    longest = interval * (OVER_ONE if (np.diff(t) > LONGEST * interval).mean() > MANY else LONGEST)
     rows = after[:, None] + np.arange(-POINTS // 2, POINTS // 2)
     inside = (rows[:, 0] >= 0) & (rows[:, -1] < len(t))
     rows = np.clip(rows, 0, len(t) - 1)
-    near = (np.diff(t[rows], axis=1) < LONGEST * interval).all(1)
+    near = (np.diff(t[rows], axis=1) < longest).all(1)
     between = inside & near & usable[rows].all(1) & ~kept
     weights = _weights(t[rows[between]], even[between])
     arms = _arms(place)
@@ -167,7 +173,7 @@ def resample(t: np.ndarray, place: np.ndarray, usable: np.ndarray, rate_hz: floa
     at = [np.einsum("nm,nm...->n...", weights, part) for part in (pivot, length, turned)]
     out[between] = _places(*at)
     error = np.where(kept[:, None], 0.0, np.full((len(even), 2), np.nan))
-    error[between] = _errors(t, np.where(usable[:, None], arms[2], np.nan), interval, even[between])
+    error[between] = _errors(t, np.where(usable[:, None], arms[2], np.nan), longest, even[between])
     return Resampled(even, source, out, kept, error)
 
 
@@ -197,8 +203,9 @@ def _weights(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
     return weights
 
 
-def _errors(t: np.ndarray, theta: np.ndarray, interval: float, at: np.ndarray) -> np.ndarray:
-    """Of both angles at the times ``at`` (m,), (m, 2) in rad; ``theta`` (n, 2) has NaN where a frame is not usable."""
+def _errors(t: np.ndarray, theta: np.ndarray, longest: float, at: np.ndarray) -> np.ndarray:
+    """Of both angles at the times ``at`` (m,), (m, 2) in rad; ``theta`` (n, 2) has NaN where a frame is not usable,
+    ``longest`` is the longest interval in s that tells."""
     count = len(t) - POINTS
     if count < 1 or not len(at):
         return np.full((len(at), theta.shape[1]), np.nan)
@@ -210,7 +217,7 @@ def _errors(t: np.ndarray, theta: np.ndarray, interval: float, at: np.ndarray) -
     left_out = turned[:, 2] - np.einsum("nm,nmk->nk", _weights(nodes, middle), turned[:, others])
     bent = np.full(theta.shape, np.nan)  # the fourth derivative over 24
     bent[2:-2] = left_out / np.prod(middle[:, None] - nodes, axis=1)[:, None]
-    bent[2:-2][(np.diff(t[rows], axis=1) > LONGEST * interval).any(1)] = np.nan
+    bent[2:-2][(np.diff(t[rows], axis=1) > longest).any(1)] = np.nan
     # The cubic through the two frames on either side of a time.
     after = np.clip(np.searchsorted(t, at, side="right"), 2, len(t) - 2)
     span = np.prod(np.abs(at[:, None] - t[after[:, None] + np.arange(-2, 2)]), axis=1)

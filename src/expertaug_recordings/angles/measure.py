@@ -33,7 +33,16 @@ from expertaug_recordings.angles.pendulum_fit import (
     explain_single,
     single_energy,
 )
-from expertaug_recordings.angles.quality import CORRECTED, MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
+from expertaug_recordings.angles.quality import (
+    CORRECTED,
+    MEASURED,
+    UNUSABLE,
+    crowded,
+    gap_lengths,
+    judge,
+    too_few,
+    trust_tracker,
+)
 from expertaug_recordings.angles.rectify import Rectified, rectify
 from expertaug_recordings.angles.shooting import Misfit, misfit
 from expertaug_recordings.angles.smoothing import (
@@ -110,6 +119,7 @@ def with_misfit(motion: Motion, off: Misfit, order: int, rate: float) -> Motion:
 STATE = ("theta1", "theta2", "omega1", "omega2")
 SECOND = ("theta2", "omega2", "tip")  # columns that a single pendulum has nothing for begin so
 MOST_UNSMOOTHED = 0.5  # share of angles without smoothing that needs no word
+FEW = 0.5  # share of usable frames, below which they are why a fit fails
 MOST_WORSE = 1.5  # times the markers' noise, of smoothed angles
 LATE_MS = 0.05  # by which frames are off their times where it is said
 logger = logging.getLogger(__name__)
@@ -189,14 +199,14 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     """Each step in turn: what the tracker trusts, the arms, the motion, its quality, its constants."""
     rate = markers.rate_hz
     tracked, reason = trust_tracker(markers)
-    _require(path, tracked, rate, job)
+    _require(path, tracked, reason, markers, job)
     if not np.isfinite(markers.pivot).any():
         raise InputError(path, "no frame has a pivot", "check the tracking")
     arms = find_arms(markers, tracked, job)
     off = tracked & arms.off
     reason[off] = "arm_length"
     fitting = tracked & ~off
-    _require(path, fitting, rate, job)
+    _require(path, fitting, reason, markers, job)
     given, order = job.smoothing_window_s, job.smoothing_order
     how = Smoothing(
         order=order,
@@ -214,7 +224,7 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     quality, reason = judge(motion, fitting, reason, arms.borrowed)
     good = quality == MEASURED
     reason[good & markers.corrected] = CORRECTED
-    _require(path, good, rate, job)
+    _require(path, good, reason, markers, job)
     try:
         known = np.where(good[:, None], motion.y, np.nan)
         if job.single:
@@ -222,7 +232,11 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
         else:
             implied = explain(known, rate, job.arm1_m, job.rotation_deg)
     except InputError as error:
-        raise InputError(path, str(error)) from error
+        why, remedy = _too_few(good, reason, markers, job)
+        if good.mean() > FEW and not crowded(_markers_angles(markers)):
+            raise InputError(path, str(error)) from error
+        found = f"{str(error).partition('; ')[0]}; {int(good.sum())} of {len(good)} frames are usable: {why}"
+        raise InputError(path, found, remedy) from error
     motion = with_motion_between(motion, implied.fit, noise, rate)
     seen = np.where(good[:, None], motion.raw, np.nan)
     known = np.broadcast_to(noise.std, seen.shape)
@@ -238,12 +252,26 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     return angles if unexplained is None else replace(angles, motion=with_misfit(motion, unexplained, order, rate))
 
 
-def _require(path: Path, usable: np.ndarray, rate: float, job: MeasureAnglesJob) -> None:
-    """Refuse a recording with too few usable frames."""
+def _markers_angles(markers: MarkerTable) -> np.ndarray:
+    """Angles (n, 2) in rad of the arms as the markers alone have them, 0 where y grows; NaN where one is missing."""
+    vectors = np.diff(markers.places, axis=1)
+    return np.arctan2(vectors[..., 0], vectors[..., 1])
+
+
+def _too_few(usable: np.ndarray, reason: np.ndarray, markers: MarkerTable, job: MeasureAnglesJob) -> tuple[str, str]:
+    """Why they are, and what helps; a frame that is interpolated has the reason for which it had to be."""
+    own = np.where((reason == "interpolated") & (markers.reason != ""), markers.reason, reason)
+    return too_few(own, usable, _markers_angles(markers), markers.rate_hz, job.max_gap_frames)
+
+
+def _require(path: Path, usable: np.ndarray, reason: np.ndarray, markers: MarkerTable, job: MeasureAnglesJob) -> None:
+    """Refuse a recording with too few usable frames, and say why they are so few."""
+    rate = markers.rate_hz
     wanted = max(FEWEST, job.min_usable_s * rate)
     if usable.sum() < wanted:
-        remedy = f"at least {int(np.ceil(wanted))} are needed: check the tracking"
-        raise InputError(path, f"{int(usable.sum())} of {len(usable)} frames are usable", remedy)
+        why, remedy = _too_few(usable, reason, markers, job)
+        found = f"{int(usable.sum())} of {len(usable)} frames are usable, {int(np.ceil(wanted))} are needed: {why}"
+        raise InputError(path, found, remedy)
 
 
 def _write(output: str | Path, angles: Angles, single: bool) -> None:

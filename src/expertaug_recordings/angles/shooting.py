@@ -80,7 +80,8 @@ def misfit(
     if len(rows) < FEWEST:
         return None
     arms = [0] if single else [0, 1]
-    problem = _Problem(angles[rows][..., arms], known[rows][..., arms], every / rate, single)
+    even = np.sqrt(np.mean(known[rows] ** 2, axis=(0, 1)))
+    problem = _Problem(angles[rows][..., arms], even[arms], every / rate, single)
     start = states[rows[:, 0]][:, [0, 2]] if single else states[rows[:, 0]]
     return _solve(problem, start, fit, states[rows][..., [2, 2] if single else [2, 3]])
 
@@ -106,7 +107,7 @@ class _Problem:
     """Windows of measured angles, in standard deviations of their noise."""
 
     angles: np.ndarray  # (m, POINTS, arms)
-    noise: np.ndarray  # the same
+    noise: np.ndarray  # (arms,)
     interval: float
     single: bool
 
@@ -149,7 +150,7 @@ class _Problem:
         for k in range(common):
             all_shared[1 + own + k, :, k] += steps[own + k]
         made = self.predict(all_states.reshape(-1, own), all_shared.reshape(-1, common))
-        made = (made.reshape(-1, *self.noise.shape) / self.noise).reshape(1 + own + common, m, -1)
+        made = (made / self.noise).reshape(1 + own + common, m, -1)
         slope = ((made[1:] - made[0]) / steps[:, None, None]).transpose(1, 2, 0)
         return (self.angles / self.noise).reshape(m, -1) - made[0], slope[..., :own], slope[..., own:]
 
@@ -184,7 +185,7 @@ def _solve(problem: _Problem, states: np.ndarray, fit: Fit, speeds: np.ndarray) 
         damping = np.clip(damping * (0.2 if gained > 0 else 8.0), 1e-9, 1e6)
         if 0 <= gained < SETTLED * cost[used].sum():
             break
-    problem = replace(problem, angles=problem.angles[used], noise=problem.noise[used])
+    problem = replace(problem, angles=problem.angles[used])
     return _judge(problem.off(states[used], shared), normal, float(shared[-1]), problem, speeds[used])
 
 
@@ -214,12 +215,12 @@ def _judge(off: np.ndarray, normal: np.ndarray, tilt: float, problem: _Problem, 
     own = 2 if problem.single else 4
     free = off.size - own * len(off) - len(normal)
     noise = problem.noise
-    square = (off.reshape(noise.shape) * noise) ** 2 * (off.size / free)
+    square = (off.reshape(problem.angles.shape) * noise) ** 2 * (off.size / free)
     parts = np.zeros((2, 2))
     for k in range(arms):
-        parts[:, k] = _parts(square[..., k].ravel() - noise[..., k].ravel() ** 2, speeds[..., k].ravel() ** 2)
+        parts[:, k] = _parts(square[..., k].ravel() - noise[k] ** 2, speeds[..., k].ravel() ** 2)
     rms, known = np.zeros((2, 2))
-    rms[:arms], known[:arms] = np.sqrt(square.mean((0, 1))), np.sqrt(np.square(noise).mean((0, 1)))
+    rms[:arms], known[:arms] = np.sqrt(square.mean((0, 1))), noise
     chi = max(1.0, float((off**2).sum()) / free)
     tilt_error = float(np.sqrt(np.linalg.pinv(normal, hermitian=True)[-1, -1] * chi))
     return Misfit(rms, known, parts[0], parts[1], (tilt, tilt_error))
