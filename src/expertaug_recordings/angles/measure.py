@@ -27,8 +27,10 @@ from expertaug_recordings.angles.marker_table import FEWEST, MarkerTable, read_m
 from expertaug_recordings.angles.noise import Noise, marker_noise, measure_noise
 from expertaug_recordings.angles.pendulum_fit import (
     Fit,
+    Gravity,
     Implied,
     contradictions,
+    direction_error,
     explain,
     explain_single,
     single_energy,
@@ -117,7 +119,7 @@ def with_misfit(motion: Motion, off: Misfit, order: int, rate: float) -> Motion:
 
 
 STATE = ("theta1", "theta2", "omega1", "omega2")
-SECOND = ("theta2", "omega2", "tip")  # columns that a single pendulum has nothing for begin so
+SECOND = ("theta2", "omega2", "tip", "arm2")  # columns that a single pendulum has nothing for begin so
 MOST_UNSMOOTHED = 0.5  # share of angles without smoothing that needs no word
 FEW = 0.5  # share of usable frames, below which they are why a fit fails
 MOST_WORSE = 1.5  # times the markers' noise, of smoothed angles
@@ -156,6 +158,24 @@ class Angles:
     energy: np.ndarray
     off: Misfit | None
 
+    def direction_error(self, stated_deg: float | None) -> float:
+        """Standard uncertainty in rad of the stated direction of gravity, which both angles of all frames share."""
+        surer = None if self.off is None else Gravity(*(float(np.rad2deg(value)) for value in self.off.tilt))
+        return float(np.deg2rad(direction_error([self.implied.gravity, surer], stated_deg)))
+
+    def std(self, stated_deg: float | None) -> np.ndarray:
+        """Standard uncertainties (n, 4) of angles and speeds, with that of the direction of gravity."""
+        both = np.array([1.0, 1.0, 0.0, 0.0]) * self.direction_error(stated_deg)
+        return np.hypot(self.motion.std, both)
+
+    def raw(self, rotation_deg: float) -> np.ndarray:
+        """Angles (n, 2) in rad as each frame's markers alone have them, where they are used; unwrapped likewise."""
+        seen = np.isfinite(self.markers.pivot)
+        pivot = np.where(seen, self.markers.pivot, self.arms.pivot)
+        places = np.stack((pivot, self.markers.joint, self.markers.tip), axis=1)
+        off = angles_of(places) - np.deg2rad(rotation_deg) - self.motion.raw
+        return self.motion.raw + np.angle(np.exp(1j * off))
+
     @property
     def unexplained(self) -> Misfit | None:
         """The same where it is more than the markers' noise."""
@@ -173,8 +193,10 @@ def measure_angles(markers: str | Path, output: str | Path, summary: str | Path,
         markers: CSV of frame, t (s), pivot_x ... tip_y (px), quality, reason; every analysed frame in order of time.
         output: CSV of frame, t, theta1, theta2 (rad, unwrapped within a stretch, 0 at rest), omega1, omega2 (rad/s),
             energy (s⁻²), quality (1 measured, .5 interpolated or at a stretch's end, 0 unusable), reason; theta1_raw,
-            theta2_raw (rad) as the markers alone have them; theta1_std ... omega2_std, the standard uncertainties, and
-            pivot_std, joint_std, tip_std (px), those of the markers' coordinates; source, the row of ``markers`` that
+            theta2_raw (rad) as the markers alone have them; theta1_unsmoothed, theta2_unsmoothed (rad) corrected for
+            markers off their hinges; theta1_std ... omega2_std, the standard uncertainties, the angles' with that of
+            the direction of gravity; arm1_px, arm2_px, the corrected lengths; pivot_std, joint_std, tip_std (px), the
+            uncertainties of the markers' coordinates; source, the row of ``markers`` that
             is nearest in time.
         summary: JSON of :class:`expertaug_recordings.angles.summary.RecordingSummary`.
         job: its settings.
@@ -189,7 +211,7 @@ def measure_angles(markers: str | Path, output: str | Path, summary: str | Path,
     markers_in_plane, rectified = rectify(path, seen, job)
     angles = _measure(path, markers_in_plane, job)
     found = _summarise(Path(output).parent.name, angles, job, rectified)
-    _write(output, angles, job.single)
+    _write(output, angles, job)
     for text in found.warnings:
         logger.warning("%s: %s", found.recording, text)
     found.save(summary)
@@ -233,7 +255,7 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
             implied = explain(known, rate, job.arm1_m, job.rotation_deg)
     except InputError as error:
         why, remedy = _too_few(good, reason, markers, job)
-        if good.mean() > FEW and not crowded(_markers_angles(markers)):
+        if good.mean() > FEW and not crowded(angles_of(markers.places)):
             raise InputError(path, str(error)) from error
         found = f"{str(error).partition('; ')[0]}; {int(good.sum())} of {len(good)} frames are usable: {why}"
         raise InputError(path, found, remedy) from error
@@ -252,16 +274,16 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     return angles if unexplained is None else replace(angles, motion=with_misfit(motion, unexplained, order, rate))
 
 
-def _markers_angles(markers: MarkerTable) -> np.ndarray:
-    """Angles (n, 2) in rad of the arms as the markers alone have them, 0 where y grows; NaN where one is missing."""
-    vectors = np.diff(markers.places, axis=1)
+def angles_of(places: np.ndarray) -> np.ndarray:
+    """Angles (n, 2) in rad of arms between places (n, 3, 2), 0 where y grows; NaN where one is missing."""
+    vectors = np.diff(places, axis=1)
     return np.arctan2(vectors[..., 0], vectors[..., 1])
 
 
 def _too_few(usable: np.ndarray, reason: np.ndarray, markers: MarkerTable, job: MeasureAnglesJob) -> tuple[str, str]:
     """Why they are, and what helps; a frame that is interpolated has the reason for which it had to be."""
     own = np.where((reason == "interpolated") & (markers.reason != ""), markers.reason, reason)
-    return too_few(own, usable, _markers_angles(markers), markers.rate_hz, job.max_gap_frames)
+    return too_few(own, usable, angles_of(markers.places), markers.rate_hz, job.max_gap_frames)
 
 
 def _require(path: Path, usable: np.ndarray, reason: np.ndarray, markers: MarkerTable, job: MeasureAnglesJob) -> None:
@@ -274,14 +296,17 @@ def _require(path: Path, usable: np.ndarray, reason: np.ndarray, markers: Marker
         raise InputError(path, found, remedy)
 
 
-def _write(output: str | Path, angles: Angles, single: bool) -> None:
+def _write(output: str | Path, angles: Angles, job: MeasureAnglesJob) -> None:
     columns = {"frame": angles.markers.frame, "t": angles.markers.t}
     columns |= {name: angles.motion.y[:, k] for k, name in enumerate(STATE)}
     columns |= {"energy": angles.energy, "quality": angles.quality, "reason": angles.reason}
-    columns |= {f"{name}_raw": angles.motion.raw[:, k] for k, name in enumerate(STATE[:2])}
-    columns |= {f"{name}_std": angles.motion.std[:, k] for k, name in enumerate(STATE)}
+    raw, std = angles.raw(job.rotation_deg), angles.std(job.rotation_error_deg)
+    columns |= {f"{name}_raw": raw[:, k] for k, name in enumerate(STATE[:2])}
+    columns |= {f"{name}_unsmoothed": angles.motion.raw[:, k] for k, name in enumerate(STATE[:2])}
+    columns |= {f"{name}_std": std[:, k] for k, name in enumerate(STATE)}
+    columns |= {f"{name}_px": angles.arms.lengths[:, k] for k, name in enumerate(("arm1", "arm2"))}
     columns |= {f"{name}_std": std for name, std in zip(("pivot", "joint", "tip"), angles.marker_std, strict=True)}
-    if single:
+    if job.single:
         columns |= {name: np.full(len(angles.quality), np.nan) for name in columns if name.startswith(SECOND)}
     table = pd.DataFrame({**columns, "source": angles.markers.source})
     with atomic(output) as temporary:
@@ -293,7 +318,7 @@ def _summarise(name: str, angles: Angles, job: MeasureAnglesJob, rectified: Rect
     rate, rotation = angles.markers.rate_hz, job.rotation_deg
     good = angles.quality == MEASURED
     gaps = gap_lengths(angles.quality != UNUSABLE)
-    uncertain = np.nanmedian(angles.motion.std[good], axis=0)
+    uncertain = np.nanmedian(angles.std(job.rotation_error_deg)[good], axis=0)
     second = max(1, round(rate))
     return RecordingSummary(
         recording=name,
@@ -331,6 +356,7 @@ def _summarise(name: str, angles: Angles, job: MeasureAnglesJob, rectified: Rect
         implied_rate_hz=angles.implied.rate_hz,
         rotation_deg=rotation,
         implied_rotation_deg=None if tilt is None else rotation + tilt,
+        rotation_error_deg=float(np.rad2deg(angles.direction_error(job.rotation_error_deg))),
         warnings=[
             *contradictions(angles.implied, rate, job.rate_provenance, job.arm1_m, rotation),
             *_doubts(angles, uncertain, job),

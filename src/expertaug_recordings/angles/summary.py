@@ -67,6 +67,7 @@ class RecordingSummary(BaseModel):
         implied_rate_hz: by the motion; None where the first arm's length is not known.
         rotation_deg: stated direction of gravity in the image: 0 down, 90 right.
         implied_rotation_deg: by the motion; None where it does not tell.
+        rotation_error_deg: standard uncertainty of the stated direction, which all angles share.
         warnings: what the motion contradicts.
         constants, friction: those of the pendulum that moves like that, in the stated time.
         misfit_deg: how far both angles are off the motion of any pendulum, rms, the markers' noise included; None where
@@ -112,6 +113,7 @@ class RecordingSummary(BaseModel):
     implied_rate_hz: Positive | None
     rotation_deg: float
     implied_rotation_deg: float | None
+    rotation_error_deg: float = 0.0
     warnings: list[str]
     constants: Annotated[dict[Literal["B1", "G1", "B2", "G2"], float], Field(min_length=4)]
     friction: tuple[float, float]
