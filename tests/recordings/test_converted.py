@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from expertaug.errors import InputError
+from expertaug_recordings.angles.marker_table import read_markers
 from expertaug_recordings.angles.measure import measure_angles
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.reports.page import _heading
@@ -145,3 +146,43 @@ def test_markers_that_were_not_found_are_the_tracking(tmp_path):
     table.loc[5:, ["tip_x", "tip_y"]] = np.nan
     with pytest.raises(InputError, match=r"in 95 the markers were not found.*; check the tracking"):
         measure(tmp_path, table)
+
+
+RATES = {  # of source and file in Hz → the least frames that repeat
+    (60, 50): 0,
+    (30, 24): 0,
+    (24, 30): 79,
+    (25, 30): 66,
+    (24, 25): 15,
+    (50, 60): 66,
+    (60, 24): 0,
+    (60 / 1.001, 50): 0,
+    (24 / 1.001, 30): 79,
+    (30, 60): 199,
+    (240, 200): 0,
+}
+
+
+@pytest.mark.parametrize(("source", "rate"), RATES)
+def test_conversions_are_found_and_undone(tmp_path, source, rate):
+    """Whatever the phase: the angles are those of their own times, and as uncertain as they say."""
+    at = (np.floor(np.arange(400) * source / rate + 0.37)) / source
+    table, _ = clip(at, rate)
+    angles, summary = measure(tmp_path, table, rate_hz=float(rate))
+    timing = summary.timing
+    assert timing.converted_from_hz == pytest.approx(source, rel=1.5e-3)
+    assert timing.repeated >= RATES[source, rate] and bool(timing.repeated) == (source < rate)
+    off, stated = off_and_stated(angles, angles_at(angles["t"].to_numpy() * 0.6))
+    ratio = rms(stated) / rms(off)
+    print(rms(off), ratio, summary.usable_share, summary.warnings)
+    assert (np.median(np.abs(off), axis=0) < 0.3).all() and ((ratio > 1 / 1.5) & (ratio < 1.5)).all(), ratio
+    assert summary.usable_share > 0.8
+    assert any(f"motion is that of {source:.5g}" in text for text in summary.warnings)
+    assert "put back to those of" in " ".join(_heading(summary).split())
+
+
+@pytest.mark.parametrize("rate", [24, 25, 30, 60])
+def test_no_conversion_is_seen_in_fast_sound_clips(tmp_path, rate):
+    table, _ = clip(np.arange(400) / rate, rate, 2, slower=0.8)
+    table.to_csv(tmp_path / "markers.csv", index=False)
+    assert read_markers(tmp_path / "markers.csv").timing.converted_from_hz is None

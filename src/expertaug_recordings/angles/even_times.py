@@ -166,7 +166,7 @@ def resample(t: np.ndarray, place: np.ndarray, usable: np.ndarray, rate_hz: floa
     rows = np.clip(rows, 0, len(t) - 1)
     near = (np.diff(t[rows], axis=1) < longest).all(1)
     between = inside & near & usable[rows].all(1) & ~kept
-    weights = _weights(t[rows[between]], even[between])
+    weights = lagrange(t[rows[between]], even[between])
     arms = _arms(place)
     pivot, length, theta = (part[rows[between]] for part in arms)
     turned = theta[:, :1] + np.concatenate((np.zeros_like(theta[:, :1]), _cumulative(theta)), axis=1)
@@ -193,7 +193,7 @@ def _cumulative(theta: np.ndarray) -> np.ndarray:
     return np.cumsum(np.angle(np.exp(1j * np.diff(theta, axis=1))), axis=1)
 
 
-def _weights(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
+def lagrange(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Lagrange's weights (n, m) of nodes (n, m) at places (n,)."""
     weights = np.ones_like(nodes)
     for j in range(nodes.shape[1]):
@@ -214,7 +214,7 @@ def _errors(t: np.ndarray, theta: np.ndarray, longest: float, at: np.ndarray) ->
     turned += 0 * theta[rows[:, :1]]
     others = [0, 1, 3, 4]
     nodes, middle = t[rows[:, others]], t[rows[:, 2]]
-    left_out = turned[:, 2] - np.einsum("nm,nmk->nk", _weights(nodes, middle), turned[:, others])
+    left_out = turned[:, 2] - np.einsum("nm,nmk->nk", lagrange(nodes, middle), turned[:, others])
     bent = np.full(theta.shape, np.nan)  # the fourth derivative over 24
     bent[2:-2] = left_out / np.prod(middle[:, None] - nodes, axis=1)[:, None]
     bent[2:-2][(np.diff(t[rows], axis=1) > longest).any(1)] = np.nan

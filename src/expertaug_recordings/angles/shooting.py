@@ -20,7 +20,7 @@ from expertaug_recordings.angles.forecast import forecast
 from expertaug_recordings.angles.pendulum_fit import Fit
 
 SPAN_S = 0.01  # between the points of a window where frames are nearer to each other
-POINTS = 9  # of a window
+POINTS = 6  # of a window
 MOST = 120  # windows, which tell enough
 FEWEST = 6  # windows, below which nothing is said
 ALONE, TOGETHER = 6, 10  # passes at most

@@ -25,6 +25,7 @@ class TimingSummary(BaseModel):
     uneven_ms: float = 0.0
     frames_hz: Positive | None = None
     error_deg: tuple[float, float] | None = None
+    converted_from_hz: Positive | None = None
 
 
 class RectifiedSummary(BaseModel):

@@ -162,6 +162,8 @@ def _times(found: RecordingSummary) -> list[str]:
     if found.span_s is not None:
         first, last = found.span_s
         said.append(f"from {first:g} s of the video to {'its end' if last is None else f'{last:g} s'}")
+    if timing.converted_from_hz is not None:
+        said.append(f"put back to those of {timing.converted_from_hz:.5g} frames/s, which the video was converted from")
     if timing.uneven_ms:
         said.append(f"off even ones by up to {timing.uneven_ms:.1f} ms")
     if timing.frames_hz is not None:
