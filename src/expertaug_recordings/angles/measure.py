@@ -27,7 +27,6 @@ from expertaug_recordings.angles.marker_table import FEWEST, MarkerTable, read_m
 from expertaug_recordings.angles.noise import Noise, marker_noise, measure_noise
 from expertaug_recordings.angles.pendulum_fit import (
     Fit,
-    Gravity,
     Implied,
     contradictions,
     direction_error,
@@ -160,8 +159,7 @@ class Angles:
 
     def direction_error(self, stated_deg: float | None) -> float:
         """Standard uncertainty in rad of the stated direction of gravity, which both angles of all frames share."""
-        surer = None if self.off is None else Gravity(*(float(np.rad2deg(value)) for value in self.off.tilt))
-        return float(np.deg2rad(direction_error([self.implied.gravity, surer], stated_deg)))
+        return float(np.deg2rad(direction_error(self.implied.gravity, stated_deg)))
 
     def std(self, stated_deg: float | None) -> np.ndarray:
         """Standard uncertainties (n, 4) of angles and speeds, with that of the direction of gravity."""

@@ -17,7 +17,7 @@ A single pendulum, θ'' = −ω0² sin θ − α θ', is fitted in the same way.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -175,18 +175,16 @@ class Gravity:
 CONTRADICTED = 2.0  # standard errors, below which the motion does not contradict the stated direction
 
 
-def direction_error(found: Sequence[Gravity | None], stated_deg: float | None) -> float:
+def direction_error(found: Gravity | None, stated_deg: float | None) -> float:
     """Standard uncertainty in degrees of the stated direction of gravity, by what the motion says of it.
 
     Arguments:
-        found: directions from the stated one, of which the surest counts.
+        found: direction from the stated one; None where the motion does not tell.
         stated_deg: its own standard uncertainty; None where it is not known: then what the motion contradicts it by.
     """
-    known = [one for one in found if one is not None]
-    if stated_deg == 0 or not known:
+    if stated_deg == 0 or found is None:
         return stated_deg or 0.0
-    surest = min(known, key=lambda one: one.error_deg)
-    off, error = surest.degrees, surest.error_deg
+    off, error = found.degrees, found.error_deg
     if stated_deg is None:
         return math.sqrt(max(off**2 - error**2, 0.0)) if abs(off) > CONTRADICTED * error else 0.0
     share = stated_deg**2 / (stated_deg**2 + error**2)  # of what it is off by that is not the motion's own error

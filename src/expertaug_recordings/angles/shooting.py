@@ -40,14 +40,12 @@ class Misfit:
         known: the same of the errors that were known, (2,).
         steady: variance in rad² beyond that noise that does not depend on the speed, (2,).
         timing: variance in s² of the times by which the rest is told: it grows with the square of the speed, (2,).
-        tilt: by how much gravity is off its stated direction, in rad, and its standard error.
     """
 
     rms: np.ndarray
     known: np.ndarray
     steady: np.ndarray
     timing: np.ndarray
-    tilt: tuple[float, float]
 
     @property
     def beyond(self) -> bool:
@@ -168,10 +166,10 @@ def _solve(problem: _Problem, states: np.ndarray, fit: Fit, speeds: np.ndarray) 
             return None
         used &= cost <= LOST * max(float(np.median(cost[used])), off.shape[1])
         off, a, b = (np.where(used.reshape(-1, *[1] * (v.ndim - 1)), v, 0.0) for v in (off, a, b))
-        step, move, normal = _step(off, a, b, damping)
+        step, move = _step(off, a, b, damping)
         if turn < ALONE:
             move = np.zeros_like(move)
-            step, _, _ = _step(off, a, b[..., :0], damping)
+            step, _ = _step(off, a, b[..., :0], damping)
         tried, changed = states + step, shared + move
         after = _sums(problem.off(tried, changed)) if problem.possible(changed) else np.full(len(states), np.inf)
         if turn < ALONE:
@@ -186,7 +184,7 @@ def _solve(problem: _Problem, states: np.ndarray, fit: Fit, speeds: np.ndarray) 
         if 0 <= gained < SETTLED * cost[used].sum():
             break
     problem = replace(problem, angles=problem.angles[used])
-    return _judge(problem.off(states[used], shared), normal, float(shared[-1]), problem, speeds[used])
+    return _judge(problem.off(states[used], shared), len(shared), problem, speeds[used])
 
 
 def _sums(off: np.ndarray) -> np.ndarray:
@@ -194,10 +192,8 @@ def _sums(off: np.ndarray) -> np.ndarray:
         return np.nan_to_num((off**2).sum(1), nan=np.inf)
 
 
-def _step(
-    off: np.ndarray, a: np.ndarray, b: np.ndarray, damping: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Changes of the windows' own unknowns (m, own) and of the shared ones, and the normal matrix of the latter."""
+def _step(off: np.ndarray, a: np.ndarray, b: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Changes of the windows' own unknowns (m, own) and of the shared ones."""
     inner = np.einsum("mqi,mqj->mij", a, a)
     inner += np.einsum("m,mi,ij->mij", damping, np.einsum("mii->mi", inner) + 1e-9, np.eye(a.shape[2]))
     cross, side = np.einsum("mqi,mqj->mij", a, b), np.einsum("mqi,mq->mi", a, off)
@@ -207,13 +203,13 @@ def _step(
     scale = np.sqrt(np.maximum(np.diag(normal), 0)) + 1e-12
     lifted = normal / np.outer(scale, scale) + (1e-9 + float(np.median(damping))) * np.eye(len(scale))
     move = np.linalg.solve(lifted, target / scale) / scale
-    return solved[..., -1] - np.einsum("mij,j->mi", solved[..., :-1], move), move, normal
+    return solved[..., -1] - np.einsum("mij,j->mi", solved[..., :-1], move), move
 
 
-def _judge(off: np.ndarray, normal: np.ndarray, tilt: float, problem: _Problem, speeds: np.ndarray) -> Misfit:
+def _judge(off: np.ndarray, common: int, problem: _Problem, speeds: np.ndarray) -> Misfit:
     arms = problem.angles.shape[2]
     own = 2 if problem.single else 4
-    free = off.size - own * len(off) - len(normal)
+    free = off.size - own * len(off) - common
     noise = problem.noise
     square = (off.reshape(problem.angles.shape) * noise) ** 2 * (off.size / free)
     parts = np.zeros((2, 2))
@@ -221,9 +217,7 @@ def _judge(off: np.ndarray, normal: np.ndarray, tilt: float, problem: _Problem, 
         parts[:, k] = _parts(square[..., k].ravel() - noise[k] ** 2, speeds[..., k].ravel() ** 2)
     rms, known = np.zeros((2, 2))
     rms[:arms], known[:arms] = np.sqrt(square.mean((0, 1))), noise
-    chi = max(1.0, float((off**2).sum()) / free)
-    tilt_error = float(np.sqrt(np.linalg.pinv(normal, hermitian=True)[-1, -1] * chi))
-    return Misfit(rms, known, parts[0], parts[1], (tilt, tilt_error))
+    return Misfit(rms, known, parts[0], parts[1])
 
 
 def _parts(excess: np.ndarray, square: np.ndarray) -> np.ndarray:
