@@ -5,13 +5,14 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from pendulum_motion import markers, truth
+from pendulum_motion import MARKERS, markers, truth
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from expertaug.errors import InputError
 from expertaug_recordings.angles.marker_table import read_markers
 from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.rolling import undo_rolling
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.reports.page import _heading
 from expertaug_recordings.reports.summary import summarise
@@ -186,3 +187,51 @@ def test_no_conversion_is_seen_in_fast_sound_clips(tmp_path, rate):
     table, _ = clip(np.arange(400) / rate, rate, 2, slower=0.8)
     table.to_csv(tmp_path / "markers.csv", index=False)
     assert read_markers(tmp_path / "markers.csv").timing.converted_from_hz is None
+
+
+def rolled(rate, row_s, launch=0, count=300, noise=0.05):
+    """markers.csv of frames whose rows are read one after another, and the angles (n, 2) at the first row's times."""
+    even = np.arange(count) / rate
+    places = []
+    for k in (1, 2):  # joint, tip: each at the time of its own row
+        at = even.copy()
+        for _ in range(30):
+            y = np.concatenate((angles_at(at * 0.6, launch), np.zeros((count, 2))), axis=1)
+            place = markers(y, rate, noise=0.0)[list(MARKERS)].to_numpy().reshape(-1, 3, 2)[:, k]
+            at = even + row_s * place[:, 1]
+        places.append(place)
+    table = markers(y, rate, noise=0.0)
+    table[list(MARKERS[2:])] = np.concatenate(places, axis=1)
+    table[list(MARKERS)] += noise * np.random.default_rng(0).normal(size=(count, 6))
+    return table, angles_at(even * 0.6, launch)
+
+
+@pytest.mark.parametrize(
+    ("rate", "row_s"), [(60, 31e-6), (60, -25e-6), (30, 60e-6), (120, 15e-6), (240, 8e-6), (30, 20e-6)]
+)
+def test_a_rolling_shutter_is_found_and_undone(tmp_path, rate, row_s):
+    table, true = rolled(rate, row_s)
+    angles, summary = measure(tmp_path, table)
+    assert summary.rolling_row_us == pytest.approx(1e6 * row_s, rel=0.05)
+    good = angles["quality"] == 1
+    off = np.rad2deg(np.angle(np.exp(1j * (angles[ANGLES].to_numpy() - true))))[good]
+    stated = np.rad2deg(angles[["theta1_std", "theta2_std"]].to_numpy())[good]
+    print(rms(off), rms(stated) / rms(off))
+    assert good.mean() > 0.9 and ((rms(stated) / rms(off) > 1 / 1.5) & (rms(stated) / rms(off) < 1.5)).all()
+    assert sum("the shutter rolls" in text for text in summary.warnings) == 1
+
+
+def test_a_shutter_that_cannot_be_undone_is_told(tmp_path):
+    table, _ = rolled(30, 160e-6)
+    table.to_csv(tmp_path / "markers.csv", index=False)
+    seen = read_markers(tmp_path / "markers.csv")
+    moved, found = undo_rolling(seen, np.ones(len(seen), bool))
+    if found is not None and not found.undone:
+        assert "widened" in found.warning and np.nanmedian(moved.interpolation) > np.deg2rad(0.5)
+
+
+@pytest.mark.parametrize(("rate", "launch"), [(30, 0), (60, 1), (400, 2)])
+def test_no_shutter_rolls_in_sound_clips(tmp_path, rate, launch):
+    clip(np.arange(400) / rate, rate, launch)[0].to_csv(tmp_path / "markers.csv", index=False)
+    seen = read_markers(tmp_path / "markers.csv")
+    assert undo_rolling(seen, np.ones(len(seen), bool)) == (seen, None)

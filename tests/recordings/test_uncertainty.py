@@ -38,12 +38,14 @@ def test_the_direction_of_gravity_is_part_of_each_angle_s_uncertainty(tmp_path, 
 
 
 def test_what_is_known_of_the_stated_direction_and_what_the_motion_says_go_together():
-    assert direction_error(Gravity(0.2, 0.01), None) == pytest.approx(0.2, abs=1e-3)
-    assert direction_error(Gravity(0.2, 0.15), None) == 0  # the motion does not contradict it
-    assert direction_error(Gravity(0.2, 0.15), 0.0) == 0
-    assert direction_error(None, 0.4) == 0.4 and direction_error(Gravity(0.0, 5.0), 0.4) == pytest.approx(0.4, rel=0.01)
-    assert direction_error(Gravity(0.0, 0.01), 0.4) == pytest.approx(0.01, rel=0.01)
-    assert direction_error(Gravity(0.3, 0.01), 0.4) == pytest.approx(0.3, rel=0.01)
+    assert direction_error(Gravity(0.2, 0.01), None, False) == pytest.approx(0.2, abs=1e-3)
+    assert direction_error(Gravity(0.2, 0.15), None, False) == 0  # the motion does not contradict the image's down
+    assert direction_error(Gravity(0.0, 0.15), None, True) == 0.15  # a direction by the motion is no surer than it
+    assert direction_error(Gravity(0.2, 0.15), 0.0, True) == 0
+    assert direction_error(None, 0.4, True) == 0.4
+    assert direction_error(Gravity(0.0, 5.0), 0.4, True) == pytest.approx(0.4, rel=0.01)
+    assert direction_error(Gravity(0.0, 0.01), 0.4, True) == pytest.approx(0.01, rel=0.01)
+    assert direction_error(Gravity(0.3, 0.01), 0.4, False) == pytest.approx(0.3, rel=0.01)
 
 
 @pytest.mark.parametrize("role", ["joint", "tip"])

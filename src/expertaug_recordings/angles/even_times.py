@@ -224,3 +224,33 @@ def _errors(t: np.ndarray, theta: np.ndarray, longest: float, at: np.ndarray) ->
     # The larger of what the frames on either side show: in fast motion it changes from frame to frame.
     bent = np.fmax(np.abs(bent[after - 1]), np.abs(bent[after]))
     return bent * span[:, None]
+
+
+def interpolate_arm(t: np.ndarray, vector: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """An arm between its frames, by cubics through two on either side.
+
+    Arguments:
+        t: times (n,) in s of the frames, growing.
+        vector: the arm's (n, 2) in px.
+        at: times (m,) in s.
+
+    Returns:
+        angle in rad, length in px and the angle's estimated error in rad, (m,) each; NaN where two frames on either
+        side are not near enough.
+    """
+    interval = float(np.median(np.diff(t)))
+    after = np.clip(np.searchsorted(t, at, side="right"), POINTS // 2, len(t) - POINTS // 2)
+    rows = after[:, None] + np.arange(-POINTS // 2, POINTS // 2)
+    theta, length = np.arctan2(vector[:, 0], vector[:, 1])[:, None], np.linalg.norm(vector, axis=1)
+    part = theta[rows]
+    turned = part[:, :1] + np.concatenate((np.zeros_like(part[:, :1]), _cumulative(part)), axis=1)
+    weights = lagrange(t[rows], at)
+    near = (np.diff(t[rows], axis=1) < OVER_ONE * interval).all(1)
+    near &= (at > t[rows[:, 0]] - interval / 2) & (at < t[rows[:, -1]] + interval / 2)
+    made = [np.where(near, (weights * values).sum(1), np.nan) for values in (turned[..., 0], length[rows])]
+    return made[0], made[1], _errors(t, theta, OVER_ONE * interval, at)[:, 0]
+
+
+def from_polar(theta: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Vectors (n, 2) of angles in rad, 0 where y grows, and lengths."""
+    return length[:, None] * np.stack((np.sin(theta), np.cos(theta)), axis=1)

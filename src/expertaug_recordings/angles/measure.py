@@ -45,6 +45,7 @@ from expertaug_recordings.angles.quality import (
     trust_tracker,
 )
 from expertaug_recordings.angles.rectify import Rectified, rectify
+from expertaug_recordings.angles.rolling import Rolling, undo_rolling
 from expertaug_recordings.angles.shooting import Misfit, misfit
 from expertaug_recordings.angles.smoothing import (
     Motion,
@@ -157,13 +158,13 @@ class Angles:
     energy: np.ndarray
     off: Misfit | None
 
-    def direction_error(self, stated_deg: float | None) -> float:
+    def direction_error(self, job: MeasureAnglesJob) -> float:
         """Standard uncertainty in rad of the stated direction of gravity, which both angles of all frames share."""
-        return float(np.deg2rad(direction_error(self.implied.gravity, stated_deg)))
+        return float(np.deg2rad(direction_error(self.implied.gravity, job.rotation_error_deg, job.rotation_deg != 0)))
 
-    def std(self, stated_deg: float | None) -> np.ndarray:
+    def std(self, job: MeasureAnglesJob) -> np.ndarray:
         """Standard uncertainties (n, 4) of angles and speeds, with that of the direction of gravity."""
-        both = np.array([1.0, 1.0, 0.0, 0.0]) * self.direction_error(stated_deg)
+        both = np.array([1.0, 1.0, 0.0, 0.0]) * self.direction_error(job)
         return np.hypot(self.motion.std, both)
 
     def raw(self, rotation_deg: float) -> np.ndarray:
@@ -206,9 +207,10 @@ def measure_angles(markers: str | Path, output: str | Path, summary: str | Path,
     if job.single:
         job = job.model_copy(update={"model_offsets": False})
     seen = read_markers(path, job.rate_hz, job.corrections, job.single)
-    markers_in_plane, rectified = rectify(path, seen, job)
+    at_once, rolling = (seen, None) if job.single else undo_rolling(seen, trust_tracker(seen)[0])
+    markers_in_plane, rectified = rectify(path, at_once, job)
     angles = _measure(path, markers_in_plane, job)
-    found = _summarise(Path(output).parent.name, angles, job, rectified)
+    found = _summarise(Path(output).parent.name, angles, job, rectified, rolling)
     _write(output, angles, job)
     for text in found.warnings:
         logger.warning("%s: %s", found.recording, text)
@@ -298,7 +300,7 @@ def _write(output: str | Path, angles: Angles, job: MeasureAnglesJob) -> None:
     columns = {"frame": angles.markers.frame, "t": angles.markers.t}
     columns |= {name: angles.motion.y[:, k] for k, name in enumerate(STATE)}
     columns |= {"energy": angles.energy, "quality": angles.quality, "reason": angles.reason}
-    raw, std = angles.raw(job.rotation_deg), angles.std(job.rotation_error_deg)
+    raw, std = angles.raw(job.rotation_deg), angles.std(job)
     columns |= {f"{name}_raw": raw[:, k] for k, name in enumerate(STATE[:2])}
     columns |= {f"{name}_unsmoothed": angles.motion.raw[:, k] for k, name in enumerate(STATE[:2])}
     columns |= {f"{name}_std": std[:, k] for k, name in enumerate(STATE)}
@@ -311,12 +313,14 @@ def _write(output: str | Path, angles: Angles, job: MeasureAnglesJob) -> None:
         table.to_csv(temporary, index=False, float_format="%.9g")
 
 
-def _summarise(name: str, angles: Angles, job: MeasureAnglesJob, rectified: Rectified | None) -> RecordingSummary:
+def _summarise(
+    name: str, angles: Angles, job: MeasureAnglesJob, rectified: Rectified | None, rolling: Rolling | None
+) -> RecordingSummary:
     arms, fit, tilt = angles.arms, angles.implied.fit, angles.implied.tilt_deg
     rate, rotation = angles.markers.rate_hz, job.rotation_deg
     good = angles.quality == MEASURED
     gaps = gap_lengths(angles.quality != UNUSABLE)
-    uncertain = np.nanmedian(angles.std(job.rotation_error_deg)[good], axis=0)
+    uncertain = np.nanmedian(angles.std(job)[good], axis=0)
     second = max(1, round(rate))
     return RecordingSummary(
         recording=name,
@@ -349,16 +353,18 @@ def _summarise(name: str, angles: Angles, job: MeasureAnglesJob, rectified: Rect
         timing=TimingSummary(**asdict(angles.markers.timing)),
         span_s=job.span_s,
         rectified=None if rectified is None else RectifiedSummary(**asdict(rectified)),
+        rolling_row_us=None if rolling is None else 1e6 * rolling.row_s,
         rate_hz=rate,
         rate_provenance=job.rate_provenance,
         implied_rate_hz=angles.implied.rate_hz,
         rotation_deg=rotation,
         implied_rotation_deg=None if tilt is None else rotation + tilt,
-        rotation_error_deg=float(np.rad2deg(angles.direction_error(job.rotation_error_deg))),
+        rotation_error_deg=float(np.rad2deg(angles.direction_error(job))),
         warnings=[
             *contradictions(angles.implied, rate, job.rate_provenance, job.arm1_m, rotation),
             *_doubts(angles, uncertain, job),
             *_unexplained(angles, job.single),
+            *([] if rolling is None else [rolling.warning]),
             *angles.markers.timing.doubts(len(angles.markers)),
         ],
         constants=fit.constants.to_dict(),

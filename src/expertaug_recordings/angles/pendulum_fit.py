@@ -175,16 +175,20 @@ class Gravity:
 CONTRADICTED = 2.0  # standard errors, below which the motion does not contradict the stated direction
 
 
-def direction_error(found: Gravity | None, stated_deg: float | None) -> float:
+def direction_error(found: Gravity | None, stated_deg: float | None, turned: bool) -> float:
     """Standard uncertainty in degrees of the stated direction of gravity, by what the motion says of it.
 
     Arguments:
         found: direction from the stated one; None where the motion does not tell.
-        stated_deg: its own standard uncertainty; None where it is not known: then what the motion contradicts it by.
+        stated_deg: its own standard uncertainty; None where it is not known.
+        turned: whether the stated direction is another than the image's own: it then was measured, most often by the
+            motion too, and is no surer than what is found here.  Down in the image is only what the motion contradicts.
     """
     if stated_deg == 0 or found is None:
         return stated_deg or 0.0
     off, error = found.degrees, found.error_deg
+    if stated_deg is None and turned:
+        return math.hypot(off, error)
     if stated_deg is None:
         return math.sqrt(max(off**2 - error**2, 0.0)) if abs(off) > CONTRADICTED * error else 0.0
     share = stated_deg**2 / (stated_deg**2 + error**2)  # of what it is off by that is not the motion's own error

@@ -64,6 +64,7 @@ class RecordingSummary(BaseModel):
         timing: frames repeated and missing, and what resampling cost.
         span_s: first and last second (None: the end) that are used of a longer recording; None where all is.
         rectified: how lens and view were undone; None where they were not.
+        rolling_row_us: from row to row of a shutter that rolls; None where the lengths tell of none.
         rate_hz, rate_provenance: stated frame rate and where it is known from.
         implied_rate_hz: by the motion; None where the first arm's length is not known.
         rotation_deg: stated direction of gravity in the image: 0 down, 90 right.
@@ -109,6 +110,7 @@ class RecordingSummary(BaseModel):
     timing: TimingSummary = TimingSummary()
     span_s: tuple[float, float | None] | None = None
     rectified: RectifiedSummary | None = None
+    rolling_row_us: float | None = None
     rate_hz: Positive
     rate_provenance: str
     implied_rate_hz: Positive | None
