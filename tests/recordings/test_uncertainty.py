@@ -81,3 +81,24 @@ def test_a_single_pendulum_s_page_has_its_own_lengths(tmp_path):
         tmp_path, markers(np.concatenate((y, 0 * y), 1)).assign(tip_x=np.nan, tip_y=np.nan), single=True
     )
     assert angles["arm1_px"].notna().all() and angles["arm2_px"].isna().all()
+
+
+@pytest.mark.parametrize(("every", "wobble"), [(10, 0.25), (10, 0.5), (11, 0.3), (4, 0.3)])
+def test_lengths_that_vary_more_than_angles_err_do_not_enlarge_the_uncertainty(tmp_path, every, wobble):
+    """A second arm that wobbles out of its plane, or whose marker is seen larger or smaller: along the arm alone."""
+    y = truth()[1, : 700 * every : every]
+    table = markers(y, 400 / every, noise=0.1)
+    away = wobble * np.random.default_rng(1).normal(size=len(y))
+    table["tip_x"] += away * np.sin(y[:, 1])
+    table["tip_y"] += away * np.cos(y[:, 1])
+    angles, _ = measure(tmp_path, table)
+    good = angles["quality"] == 1
+
+    def off(kind):
+        error = angles[[f"theta1{kind}", f"theta2{kind}"]].to_numpy() - y[:, :2]
+        return np.sqrt(np.mean(np.angle(np.exp(1j * error))[good] ** 2, axis=0))
+
+    stated = np.sqrt(np.mean(angles[["theta1_std", "theta2_std"]].to_numpy()[good] ** 2, axis=0))
+    ratio = stated / off("")
+    assert ((ratio > 1 / 1.5) & (ratio < 1.5)).all(), ratio
+    assert (off("") <= 1.02 * off("_unsmoothed")).all() and (off("") <= 1.02 * off("_raw")).all()

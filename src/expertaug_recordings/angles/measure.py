@@ -98,21 +98,19 @@ def _neighbours(states: np.ndarray, fit: Fit, reach: int, interval: float) -> np
     return np.concatenate((sides[0][:, :0:-1], sides[1]), axis=1)
 
 
-def with_misfit(motion: Motion, off: Misfit, order: int, rate: float) -> Motion:
-    """The motion with uncertainties that hold what no pendulum explains; a speed's come from its frames' angles.
+def with_errors(motion: Motion, error: np.ndarray, order: int, rate: float) -> Motion:
+    """The motion with uncertainties that hold further errors of the angles; a speed's come from its frames' angles.
 
     Arguments:
         motion: with the uncertainties that the markers' noise makes.
-        off: what trajectories leave.
+        error: standard deviations in rad, (n, 2); NaN where nothing is known: there the largest that is.
         order: of the smoothing polynomials.
         rate: frames per second.
     """
-    std = motion.std.copy()
-    error = off.error(motion.y[:, 2:])
+    std, error = motion.std.copy(), filled(error)
     std[:, :2] = np.hypot(std[:, :2], error)
     for reach in np.unique(motion.reach):
-        half = order // 2 + 1
-        window = Window(reach, 2 * reach, -1) if reach else Window(half, order, -1)
+        window = Window(reach, 2 * reach, -1) if reach else Window(order // 2 + 1, order, -1)
         gain = float(np.linalg.norm(window.weights(1, rate)))
         std[:, 2:] = np.where(motion.reach == reach, np.hypot(std[:, 2:], gain * error), std[:, 2:])
     return replace(motion, std=std)
@@ -240,23 +238,50 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     noise, length_std = measure_noise(arms.lengths, fitting, how.window or longest_window(order, rate))
     marker_std = marker_noise(length_std, markers.pivot, arms.pivot)
     theta = np.where(fitting[:, None], arms.angles(job.rotation_deg), np.nan)
+    measured = _explained(path, markers, arms, theta, reason, noise, how, job)
+    share = measured[-1].share(noise) if measured[-1] is not None and markers.interpolation is None else np.ones(2)
+    if (share < 1).any():  # the lengths vary by more than the angles err
+        noise = replace(noise, std=share * noise.std)
+        measured = _explained(path, markers, arms, theta, reason, noise, how, job)
+    motion, quality, reason, implied, off = measured
+    of_both = single_energy(motion.y[:, 0], motion.y[:, 2], implied.fit.constants.G1) if job.single else None
+    level = energy(motion.y, implied.fit.constants) if of_both is None else of_both
+    angles = Angles(
+        markers, arms, tracked, fitting, noise, length_std, marker_std, motion, quality, reason, implied, level, off
+    )
+    unexplained = angles.unexplained
+    if unexplained is None:
+        return angles
+    return replace(angles, motion=with_errors(motion, unexplained.error(motion.y[:, 2:]), order, rate))
+
+
+def _explained(
+    path: Path,
+    markers: MarkerTable,
+    arms: Arms,
+    theta: np.ndarray,
+    reason: np.ndarray,
+    noise: Noise,
+    how: Smoothing,
+    job: MeasureAnglesJob,
+) -> tuple[Motion, np.ndarray, np.ndarray, Implied, Misfit | None]:
+    """Motion, quality and reason of each frame, what the motion implies, and what no pendulum explains of it."""
+    rate = markers.rate_hz
     motion = smooth_motion(theta, rate, noise, how)
-    if markers.interpolation is not None:
-        motion = motion.with_error(markers.interpolation)
-    quality, reason = judge(motion, fitting, reason, arms.borrowed)
+    quality, reason = judge(motion, np.isfinite(theta).all(1), reason, arms.borrowed)
     good = quality == MEASURED
     reason[good & markers.corrected] = CORRECTED
     _require(path, good, reason, markers, job)
     try:
-        known = np.where(good[:, None], motion.y, np.nan)
+        states = np.where(good[:, None], motion.y, np.nan)
         if job.single:
-            implied = explain_single(known[:, [0, 2]], rate)
+            implied = explain_single(states[:, [0, 2]], rate)
         else:
-            implied = explain(known, rate, job.arm1_m, job.rotation_deg)
+            implied = explain(states, rate, job.arm1_m, job.rotation_deg)
     except InputError as error:
-        why, remedy = _too_few(good, reason, markers, job)
         if good.mean() > FEW and not crowded(angles_of(markers.places)):
             raise InputError(path, str(error)) from error
+        why, remedy = _too_few(good, reason, markers, job)
         found = f"{str(error).partition('; ')[0]}; {int(good.sum())} of {len(good)} frames are usable: {why}"
         raise InputError(path, found, remedy) from error
     motion = with_motion_between(motion, implied.fit, noise, rate)
@@ -264,14 +289,8 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     known = np.broadcast_to(noise.std, seen.shape)
     if markers.interpolation is not None:
         known = np.hypot(known, filled(markers.interpolation))
-    off = misfit(seen, motion.y, known, implied.fit, rate, job.single)
-    of_both = single_energy(motion.y[:, 0], motion.y[:, 2], implied.fit.constants.G1) if job.single else None
-    level = energy(motion.y, implied.fit.constants) if of_both is None else of_both
-    angles = Angles(
-        markers, arms, tracked, fitting, noise, length_std, marker_std, motion, quality, reason, implied, level, off
-    )
-    unexplained = angles.unexplained
-    return angles if unexplained is None else replace(angles, motion=with_misfit(motion, unexplained, order, rate))
+        motion = with_errors(motion, markers.interpolation, how.order, rate)
+    return motion, quality, reason, implied, misfit(seen, motion.y, known, implied.fit, rate, job.single)
 
 
 def angles_of(places: np.ndarray) -> np.ndarray:

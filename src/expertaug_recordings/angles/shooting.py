@@ -17,6 +17,7 @@ from scipy.optimize import nnls
 
 from expertaug.systems.double_pendulum import Constants
 from expertaug_recordings.angles.forecast import forecast
+from expertaug_recordings.angles.noise import Noise
 from expertaug_recordings.angles.pendulum_fit import Fit
 
 SPAN_S = 0.01  # between the points of a window where frames are nearer to each other
@@ -28,6 +29,7 @@ SETTLED = 1e-4  # of the misfit, below which a pass gains nothing
 BINS = 8  # of speed
 STEP = 1e-6  # by which an unknown is changed to see what it does
 MORE = 1.4  # times the noise, above which there is another error besides
+LESS, ALIKE = 1.3, 0.3  # times the misfit, above which the noise is stated too large; correlation of frames' errors
 LOST = 25.0  # times the median misfit of the windows: no trajectory was found for one further off
 
 
@@ -40,17 +42,28 @@ class Misfit:
         known: the same of the errors that were known, (2,).
         steady: variance in rad² beyond that noise that does not depend on the speed, (2,).
         timing: variance in s² of the times by which the rest is told: it grows with the square of the speed, (2,).
+        every: frames from one point of a window to the next.
     """
 
     rms: np.ndarray
     known: np.ndarray
     steady: np.ndarray
     timing: np.ndarray
+    every: int
 
     @property
     def beyond(self) -> bool:
         """Whether it is more than was known."""
         return bool((self.rms > MORE * self.known).any())
+
+    def share(self, noise: Noise) -> np.ndarray:
+        """By which the noise of the angles is less than the arms' lengths have it, (2,); 1 where that is not certain.
+
+        Errors that neighbouring frames have in common are no misfit, so that nothing is said where the lengths' are.
+        """
+        alike = noise.correlation[self.every] if len(noise.correlation) > self.every else np.zeros(2)
+        less = (LESS * self.rms < self.known) & (alike < ALIKE)
+        return np.where(less, self.rms / np.where(less, self.known, 1.0), 1.0)
 
     def error(self, speeds: np.ndarray) -> np.ndarray:
         """Standard deviations in rad of the angles' errors besides their noise at speeds in rad/s, (n, 2) both."""
@@ -79,7 +92,7 @@ def misfit(
         return None
     arms = [0] if single else [0, 1]
     even = np.sqrt(np.mean(known[rows] ** 2, axis=(0, 1)))
-    problem = _Problem(angles[rows][..., arms], even[arms], every / rate, single)
+    problem = _Problem(angles[rows][..., arms], even[arms], every / rate, every, single)
     start = states[rows[:, 0]][:, [0, 2]] if single else states[rows[:, 0]]
     return _solve(problem, start, fit, states[rows][..., [2, 2] if single else [2, 3]])
 
@@ -107,6 +120,7 @@ class _Problem:
     angles: np.ndarray  # (m, POINTS, arms)
     noise: np.ndarray  # (arms,)
     interval: float
+    every: int
     single: bool
 
     def predict(self, states: np.ndarray, shared: np.ndarray) -> np.ndarray:
@@ -217,7 +231,7 @@ def _judge(off: np.ndarray, common: int, problem: _Problem, speeds: np.ndarray) 
         parts[:, k] = _parts(square[..., k].ravel() - noise[k] ** 2, speeds[..., k].ravel() ** 2)
     rms, known = np.zeros((2, 2))
     rms[:arms], known[:arms] = np.sqrt(square.mean((0, 1))), noise
-    return Misfit(rms, known, parts[0], parts[1])
+    return Misfit(rms, known, parts[0], parts[1], problem.every)
 
 
 def _parts(excess: np.ndarray, square: np.ndarray) -> np.ndarray:

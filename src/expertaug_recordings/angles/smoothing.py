@@ -11,7 +11,7 @@ unbiased estimate of risk).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -189,13 +189,6 @@ class Motion:
     reach: np.ndarray
     margin: np.ndarray
     outlier: np.ndarray
-
-    def with_error(self, error: np.ndarray) -> Motion:
-        """The same with errors (n, 2) in rad that the measured angles have besides their noise; NaN where nothing is
-        known of it: there the largest that is."""
-        std = self.std.copy()
-        std[:, :2] = np.hypot(std[:, :2], filled(error))
-        return replace(self, std=std)
 
 
 def filled(error: np.ndarray) -> np.ndarray:
