@@ -109,7 +109,7 @@ def watch(tmp_path, caplog):
     (tmp_path / "published" / "long" / "costs.csv").write_text(
         "job,seconds,peak_memory_mb\ntrain/a,900,1\ntrain/b,300,1\n"
     )
-    found = Watch(tmp_path / "results", tmp_path / "published")
+    found = Watch(tmp_path / "results", tmp_path / "published", ["a", "b"])
     caplog.set_level(logging.INFO, logger.name)
     yield found
     logger.removeHandler(found)
@@ -117,7 +117,8 @@ def watch(tmp_path, caplog):
 
 def test_a_run_is_announced_and_followed(watch, tmp_path, caplog):
     watch.start(Dag(tmp_path / "results", "train/a", "train/b", None), 1)
-    assert caplog.messages == ["About 20 minutes for 2 jobs on 1 core (by the costs of the published run 'long')."]
+    assert caplog.messages[0].startswith("expertaug ") and caplog.messages[0].endswith(": a, b")
+    assert caplog.messages[1:] == ["About 20 minutes for 2 jobs on 1 core (by the costs of the published run 'long')."]
     logger.info("", extra={"event": "job_finished", "job_id": 1})
     logger.info("", extra={"event": "progress"})
     assert "About 15 minutes left for 1 job." in caplog.messages
@@ -125,7 +126,7 @@ def test_a_run_is_announced_and_followed(watch, tmp_path, caplog):
 
 def test_a_run_says_what_it_does_stage_by_stage(watch, tmp_path, caplog):
     watch.start(Dag(tmp_path / "results", "train/a", "train/b", "validity/a", "during_training/a", None), 1)
-    assert caplog.messages[:-1] == [
+    assert caplog.messages[1:-1] == [
         "What is to be done:",
         "  train     2 jobs  about 20 minutes",
         "  others    2 jobs  cost not known: during training, validity",
@@ -135,7 +136,7 @@ def test_a_run_says_what_it_does_stage_by_stage(watch, tmp_path, caplog):
 
 def test_nothing_is_estimated_from_nothing(watch, tmp_path, caplog):
     watch.start(Dag(tmp_path / "results", "train/other"), 2)
-    assert caplog.messages == ["1 job on 2 cores; how long they take is told when some have ended."]
+    assert caplog.messages[1:] == ["1 job on 2 cores; how long they take is told when some have ended."]
 
 
 def test_broken_costs_end_no_run(watch, tmp_path, caplog):

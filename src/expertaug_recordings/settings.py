@@ -351,6 +351,9 @@ class AngleKeys(Settings):
     rotation_deg: float = key(
         0.0, "direction of gravity in the image; 0 down, 90 right, -90 left, 180 up", "deg", ge=-360, le=360
     )
+    rotation_error_deg: NotNegative | None = key(
+        None, "standard uncertainty of rotation_deg; null = by how well the motion agrees with it", "deg"
+    )
     rectify: RectifyKeys = key(RectifyKeys, "lens distortion and oblique view, corrected before angles are measured")
     smoothing_window_s: Positive | None = key(
         None,

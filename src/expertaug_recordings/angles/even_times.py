@@ -104,6 +104,10 @@ def _misfit(t: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 POINTS = 4  # frames by which a place between them is interpolated: two on either side
 LONGEST = 1.6  # nominal intervals between two of them
+MANY, OVER_ONE = (
+    0.05,
+    2.3,
+)  # share of longer ones, from which a missing frame is bridged, and how many those may be then
 SAME = 1e-3  # of an interval, within which a time is a frame's own
 
 
@@ -138,8 +142,9 @@ class Resampled:
 def resample(t: np.ndarray, place: np.ndarray, usable: np.ndarray, rate_hz: float) -> Resampled:
     """Interpolate the arms' angles and lengths by the cubic through four frames: a steady rotation stays one.
 
-    The error is that of the cubic's remainder, with the fourth derivative that each frame shows that is left out of the
-    cubic through its neighbours; the markers' noise adds to it, so that it is rather too large.
+    Where many frames are missing, places are interpolated across single ones.  The error is that of the cubic's
+    remainder, with the fourth derivative that each frame shows that is left out of the cubic through its neighbours;
+    the markers' noise adds to it, so that it is rather too large.
 
     Arguments:
         t: times (n,) in s, growing.
@@ -155,19 +160,20 @@ def resample(t: np.ndarray, place: np.ndarray, usable: np.ndarray, rate_hz: floa
     out = np.full((len(even), 3, 2), np.nan)
     own = kept & usable[source]
     out[own] = place[source[own]]
+    longest = interval * (OVER_ONE if (np.diff(t) > LONGEST * interval).mean() > MANY else LONGEST)
     rows = after[:, None] + np.arange(-POINTS // 2, POINTS // 2)
     inside = (rows[:, 0] >= 0) & (rows[:, -1] < len(t))
     rows = np.clip(rows, 0, len(t) - 1)
-    near = (np.diff(t[rows], axis=1) < LONGEST * interval).all(1)
+    near = (np.diff(t[rows], axis=1) < longest).all(1)
     between = inside & near & usable[rows].all(1) & ~kept
-    weights = _weights(t[rows[between]], even[between])
+    weights = lagrange(t[rows[between]], even[between])
     arms = _arms(place)
     pivot, length, theta = (part[rows[between]] for part in arms)
     turned = theta[:, :1] + np.concatenate((np.zeros_like(theta[:, :1]), _cumulative(theta)), axis=1)
     at = [np.einsum("nm,nm...->n...", weights, part) for part in (pivot, length, turned)]
     out[between] = _places(*at)
     error = np.where(kept[:, None], 0.0, np.full((len(even), 2), np.nan))
-    error[between] = _errors(t, np.where(usable[:, None], arms[2], np.nan), interval, even[between])
+    error[between] = _errors(t, np.where(usable[:, None], arms[2], np.nan), longest, even[between])
     return Resampled(even, source, out, kept, error)
 
 
@@ -187,7 +193,7 @@ def _cumulative(theta: np.ndarray) -> np.ndarray:
     return np.cumsum(np.angle(np.exp(1j * np.diff(theta, axis=1))), axis=1)
 
 
-def _weights(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
+def lagrange(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Lagrange's weights (n, m) of nodes (n, m) at places (n,)."""
     weights = np.ones_like(nodes)
     for j in range(nodes.shape[1]):
@@ -197,8 +203,9 @@ def _weights(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
     return weights
 
 
-def _errors(t: np.ndarray, theta: np.ndarray, interval: float, at: np.ndarray) -> np.ndarray:
-    """Of both angles at the times ``at`` (m,), (m, 2) in rad; ``theta`` (n, 2) has NaN where a frame is not usable."""
+def _errors(t: np.ndarray, theta: np.ndarray, longest: float, at: np.ndarray) -> np.ndarray:
+    """Of both angles at the times ``at`` (m,), (m, 2) in rad; ``theta`` (n, 2) has NaN where a frame is not usable,
+    ``longest`` is the longest interval in s that tells."""
     count = len(t) - POINTS
     if count < 1 or not len(at):
         return np.full((len(at), theta.shape[1]), np.nan)
@@ -207,13 +214,43 @@ def _errors(t: np.ndarray, theta: np.ndarray, interval: float, at: np.ndarray) -
     turned += 0 * theta[rows[:, :1]]
     others = [0, 1, 3, 4]
     nodes, middle = t[rows[:, others]], t[rows[:, 2]]
-    left_out = turned[:, 2] - np.einsum("nm,nmk->nk", _weights(nodes, middle), turned[:, others])
+    left_out = turned[:, 2] - np.einsum("nm,nmk->nk", lagrange(nodes, middle), turned[:, others])
     bent = np.full(theta.shape, np.nan)  # the fourth derivative over 24
     bent[2:-2] = left_out / np.prod(middle[:, None] - nodes, axis=1)[:, None]
-    bent[2:-2][(np.diff(t[rows], axis=1) > LONGEST * interval).any(1)] = np.nan
+    bent[2:-2][(np.diff(t[rows], axis=1) > longest).any(1)] = np.nan
     # The cubic through the two frames on either side of a time.
     after = np.clip(np.searchsorted(t, at, side="right"), 2, len(t) - 2)
     span = np.prod(np.abs(at[:, None] - t[after[:, None] + np.arange(-2, 2)]), axis=1)
     # The larger of what the frames on either side show: in fast motion it changes from frame to frame.
     bent = np.fmax(np.abs(bent[after - 1]), np.abs(bent[after]))
     return bent * span[:, None]
+
+
+def interpolate_arm(t: np.ndarray, vector: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """An arm between its frames, by cubics through two on either side.
+
+    Arguments:
+        t: times (n,) in s of the frames, growing.
+        vector: the arm's (n, 2) in px.
+        at: times (m,) in s.
+
+    Returns:
+        angle in rad, length in px and the angle's estimated error in rad, (m,) each; NaN where two frames on either
+        side are not near enough.
+    """
+    interval = float(np.median(np.diff(t)))
+    after = np.clip(np.searchsorted(t, at, side="right"), POINTS // 2, len(t) - POINTS // 2)
+    rows = after[:, None] + np.arange(-POINTS // 2, POINTS // 2)
+    theta, length = np.arctan2(vector[:, 0], vector[:, 1])[:, None], np.linalg.norm(vector, axis=1)
+    part = theta[rows]
+    turned = part[:, :1] + np.concatenate((np.zeros_like(part[:, :1]), _cumulative(part)), axis=1)
+    weights = lagrange(t[rows], at)
+    near = (np.diff(t[rows], axis=1) < OVER_ONE * interval).all(1)
+    near &= (at > t[rows[:, 0]] - interval / 2) & (at < t[rows[:, -1]] + interval / 2)
+    made = [np.where(near, (weights * values).sum(1), np.nan) for values in (turned[..., 0], length[rows])]
+    return made[0], made[1], _errors(t, theta, OVER_ONE * interval, at)[:, 0]
+
+
+def from_polar(theta: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Vectors (n, 2) of angles in rad, 0 where y grows, and lengths."""
+    return length[:, None] * np.stack((np.sin(theta), np.cos(theta)), axis=1)

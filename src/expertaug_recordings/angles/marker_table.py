@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from expertaug.errors import InputError
+from expertaug_recordings.angles.conversion import Conversion, find_conversion
 from expertaug_recordings.angles.even_times import find_dropped, find_repeated, resample
 from expertaug_recordings.corrections import Correction, correct
 from expertaug_recordings.tables import MARKERS, PLACES, read_table
@@ -28,6 +29,8 @@ class Timing:
         uneven_ms: by how much the times were off even ones at most; 0 where they were even.
         frames_hz: frames per second where the places were resampled; None where each is a frame's own.
         error_deg: median and 99th percentile of the errors of the angles by that, estimated.
+        converted_from_hz: frames per second of the video that this one was made from, whose times were put back; None
+            where the motion tells of none.
     """
 
     repeated: int = 0
@@ -35,10 +38,17 @@ class Timing:
     uneven_ms: float = 0.0
     frames_hz: float | None = None
     error_deg: tuple[float, float] | None = None
+    converted_from_hz: float | None = None
 
     def doubts(self, frames: int) -> list[str]:
         """What the times make doubtful, in plain words."""
         found = []
+        if self.converted_from_hz is not None:
+            how = f"{self.repeated} frames repeat the one before" if self.repeated else "frames are missing"
+            return [
+                f"{how}: the motion is that of {self.converted_from_hz:.5g} frames/s brought to another rate; true"
+                " times were put back, but the original video is better"
+            ]
         if self.repeated > MANY_REPEATED * frames:
             found.append(
                 f"{self.repeated} of {frames} frames repeat the one before: the video was made from one of another"
@@ -154,6 +164,9 @@ def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable
     # About the pivot's median: a single frame in which another thing is taken for it must not look like motion.
     vector = np.stack((place[:, 1] - np.median(place[good, 0], axis=0), place[:, 2] - place[:, 1]), axis=1)
     theta = np.where(good[:, None], np.arctan2(vector[..., 0], vector[..., 1]), np.nan)
+    converted = find_conversion(theta, seen.rate_hz) if even else None
+    if converted is not None:
+        return _undo(seen, converted, good, rate_hz)
     repeated = find_repeated(theta)
     reason[repeated], quality[repeated] = REPEATED, 0.0
     good &= ~repeated
@@ -165,16 +178,35 @@ def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable
     wanted = seen.rate_hz if rate_hz is None else rate_hz
     if even and not missing.any() and abs(seen.rate_hz / wanted - 1) < 1e-3:
         return replace(seen, timing=timing)
-    made = resample(t, place, good, wanted)
-    own = 0.0 if even else _off_even_ms(t)
-    timing = replace(timing, uneven_ms=own, frames_hz=seen.rate_hz, error_deg=made.error_deg)
+    timing = replace(timing, uneven_ms=0.0 if even else _off_even_ms(t), frames_hz=seen.rate_hz)
+    return _resampled(seen, t, good, wanted, timing)
+
+
+def _undo(seen: MarkerTable, converted: Conversion, good: np.ndarray, rate_hz: float | None) -> MarkerTable:
+    """The frames of a converted recording that show something new, at their true times, and evenly between them."""
+    source_hz, rows = converted.source_hz, np.flatnonzero(~converted.repeated)
+    each = ("frame", "t", "pivot", "joint", "tip", "quality", "reason", "source", "corrected")
+    new = replace(seen, **{name: getattr(seen, name)[rows] for name in each})
+    t = seen.t[0] + converted.t[rows]
+    timing = Timing(
+        int(converted.repeated.sum()), 0, _off_even_ms(t), 1 / float(np.median(np.diff(t))), None, source_hz
+    )
+    wanted = rate_hz or min(source_hz, seen.rate_hz)
+    return _resampled(new, t, good[rows], wanted, timing)
+
+
+def _resampled(seen: MarkerTable, t: np.ndarray, good: np.ndarray, wanted: float, timing: Timing) -> MarkerTable:
+    """Frames at times t (n,) in s, of which ``good`` (n,) can be used, at even times of ``wanted`` Hz."""
+    reason, quality = seen.reason, seen.quality
+    made = resample(t, seen.places, good, wanted)
+    timing = replace(timing, error_deg=made.error_deg)
     lost = ~np.isfinite(made.place).all((1, 2))
     why = np.where(lost, np.where(reason[made.source] == "", DROPPED, reason[made.source]), "")
     pivot, joint, tip = made.place.swapaxes(0, 1)
     level = np.where(lost, 0.0, quality[made.source])
     number = np.arange(len(made.t))
     by_hand = seen.corrected[made.source] & made.kept
-    source, off = made.source, made.error
+    source, off = seen.source[made.source], made.error
     return MarkerTable(number, made.t, wanted, pivot, joint, tip, level, why, source, by_hand, timing, off)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -28,16 +29,29 @@ from expertaug_recordings.angles.pendulum_fit import (
     Fit,
     Implied,
     contradictions,
+    direction_error,
     explain,
     explain_single,
     single_energy,
 )
-from expertaug_recordings.angles.quality import CORRECTED, MEASURED, UNUSABLE, gap_lengths, judge, trust_tracker
+from expertaug_recordings.angles.quality import (
+    CORRECTED,
+    MEASURED,
+    UNUSABLE,
+    crowded,
+    gap_lengths,
+    judge,
+    too_few,
+    trust_tracker,
+)
 from expertaug_recordings.angles.rectify import Rectified, rectify
+from expertaug_recordings.angles.rolling import Rolling, undo_rolling
+from expertaug_recordings.angles.shooting import Misfit, misfit
 from expertaug_recordings.angles.smoothing import (
     Motion,
     Smoothing,
     Window,
+    filled,
     longest_window,
     smooth_motion,
     window_frames,
@@ -84,10 +98,30 @@ def _neighbours(states: np.ndarray, fit: Fit, reach: int, interval: float) -> np
     return np.concatenate((sides[0][:, :0:-1], sides[1]), axis=1)
 
 
+def with_errors(motion: Motion, error: np.ndarray, order: int, rate: float) -> Motion:
+    """The motion with uncertainties that hold further errors of the angles; a speed's come from its frames' angles.
+
+    Arguments:
+        motion: with the uncertainties that the markers' noise makes.
+        error: standard deviations in rad, (n, 2); NaN where nothing is known: there the largest that is.
+        order: of the smoothing polynomials.
+        rate: frames per second.
+    """
+    std, error = motion.std.copy(), filled(error)
+    std[:, :2] = np.hypot(std[:, :2], error)
+    for reach in np.unique(motion.reach):
+        window = Window(reach, 2 * reach, -1) if reach else Window(order // 2 + 1, order, -1)
+        gain = float(np.linalg.norm(window.weights(1, rate)))
+        std[:, 2:] = np.where(motion.reach == reach, np.hypot(std[:, 2:], gain * error), std[:, 2:])
+    return replace(motion, std=std)
+
+
 STATE = ("theta1", "theta2", "omega1", "omega2")
-SECOND = ("theta2", "omega2", "tip")  # columns that a single pendulum has nothing for begin so
+SECOND = ("theta2", "omega2", "tip", "arm2")  # columns that a single pendulum has nothing for begin so
 MOST_UNSMOOTHED = 0.5  # share of angles without smoothing that needs no word
+FEW = 0.5  # share of usable frames, below which they are why a fit fails
 MOST_WORSE = 1.5  # times the markers' noise, of smoothed angles
+LATE_MS = 0.05  # by which frames are off their times where it is said
 logger = logging.getLogger(__name__)
 
 
@@ -105,6 +139,7 @@ class Angles:
         quality, reason: (n,), of each frame.
         implied: by the motion.
         energy: (n,) in s⁻².
+        off: how far the angles are off any pendulum's motion; None where that cannot be told.
     """
 
     markers: MarkerTable
@@ -119,6 +154,29 @@ class Angles:
     reason: np.ndarray
     implied: Implied
     energy: np.ndarray
+    off: Misfit | None
+
+    def direction_error(self, job: MeasureAnglesJob) -> float:
+        """Standard uncertainty in rad of the stated direction of gravity, which both angles of all frames share."""
+        return float(np.deg2rad(direction_error(self.implied.gravity, job.rotation_error_deg, job.rotation_deg != 0)))
+
+    def std(self, job: MeasureAnglesJob) -> np.ndarray:
+        """Standard uncertainties (n, 4) of angles and speeds, with that of the direction of gravity."""
+        both = np.array([1.0, 1.0, 0.0, 0.0]) * self.direction_error(job)
+        return np.hypot(self.motion.std, both)
+
+    def raw(self, rotation_deg: float) -> np.ndarray:
+        """Angles (n, 2) in rad as each frame's markers alone have them, where they are used; unwrapped likewise."""
+        seen = np.isfinite(self.markers.pivot)
+        pivot = np.where(seen, self.markers.pivot, self.arms.pivot)
+        places = np.stack((pivot, self.markers.joint, self.markers.tip), axis=1)
+        off = angles_of(places) - np.deg2rad(rotation_deg) - self.motion.raw
+        return self.motion.raw + np.angle(np.exp(1j * off))
+
+    @property
+    def unexplained(self) -> Misfit | None:
+        """The same where it is more than the markers' noise."""
+        return self.off if self.off is not None and self.off.beyond else None
 
 
 def measure_angles(markers: str | Path, output: str | Path, summary: str | Path, job: MeasureAnglesJob) -> None:
@@ -132,8 +190,10 @@ def measure_angles(markers: str | Path, output: str | Path, summary: str | Path,
         markers: CSV of frame, t (s), pivot_x ... tip_y (px), quality, reason; every analysed frame in order of time.
         output: CSV of frame, t, theta1, theta2 (rad, unwrapped within a stretch, 0 at rest), omega1, omega2 (rad/s),
             energy (s⁻²), quality (1 measured, .5 interpolated or at a stretch's end, 0 unusable), reason; theta1_raw,
-            theta2_raw (rad) as the markers alone have them; theta1_std ... omega2_std, the standard uncertainties, and
-            pivot_std, joint_std, tip_std (px), those of the markers' coordinates; source, the row of ``markers`` that
+            theta2_raw (rad) as the markers alone have them; theta1_unsmoothed, theta2_unsmoothed (rad) corrected for
+            markers off their hinges; theta1_std ... omega2_std, the standard uncertainties, the angles' with that of
+            the direction of gravity; arm1_px, arm2_px, the corrected lengths; pivot_std, joint_std, tip_std (px), the
+            uncertainties of the markers' coordinates; source, the row of ``markers`` that
             is nearest in time.
         summary: JSON of :class:`expertaug_recordings.angles.summary.RecordingSummary`.
         job: its settings.
@@ -145,10 +205,11 @@ def measure_angles(markers: str | Path, output: str | Path, summary: str | Path,
     if job.single:
         job = job.model_copy(update={"model_offsets": False})
     seen = read_markers(path, job.rate_hz, job.corrections, job.single)
-    markers_in_plane, rectified = rectify(path, seen, job)
+    at_once, rolling = (seen, None) if job.single else undo_rolling(seen, trust_tracker(seen)[0])
+    markers_in_plane, rectified = rectify(path, at_once, job)
     angles = _measure(path, markers_in_plane, job)
-    found = _summarise(Path(output).parent.name, angles, job, rectified)
-    _write(output, angles, job.single)
+    found = _summarise(Path(output).parent.name, angles, job, rectified, rolling)
+    _write(output, angles, job)
     for text in found.warnings:
         logger.warning("%s: %s", found.recording, text)
     found.save(summary)
@@ -158,14 +219,14 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     """Each step in turn: what the tracker trusts, the arms, the motion, its quality, its constants."""
     rate = markers.rate_hz
     tracked, reason = trust_tracker(markers)
-    _require(path, tracked, rate, job)
+    _require(path, tracked, reason, markers, job)
     if not np.isfinite(markers.pivot).any():
         raise InputError(path, "no frame has a pivot", "check the tracking")
     arms = find_arms(markers, tracked, job)
     off = tracked & arms.off
     reason[off] = "arm_length"
     fitting = tracked & ~off
-    _require(path, fitting, rate, job)
+    _require(path, fitting, reason, markers, job)
     given, order = job.smoothing_window_s, job.smoothing_order
     how = Smoothing(
         order=order,
@@ -177,57 +238,108 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     noise, length_std = measure_noise(arms.lengths, fitting, how.window or longest_window(order, rate))
     marker_std = marker_noise(length_std, markers.pivot, arms.pivot)
     theta = np.where(fitting[:, None], arms.angles(job.rotation_deg), np.nan)
-    motion = smooth_motion(theta, rate, noise, how)
-    if markers.interpolation is not None:
-        motion = motion.with_error(markers.interpolation)
-    quality, reason = judge(motion, fitting, reason, arms.borrowed)
-    good = quality == MEASURED
-    reason[good & markers.corrected] = CORRECTED
-    _require(path, good, rate, job)
-    try:
-        known = np.where(good[:, None], motion.y, np.nan)
-        if job.single:
-            implied = explain_single(known[:, [0, 2]], rate)
-        else:
-            implied = explain(known, rate, job.arm1_m, job.rotation_deg)
-    except InputError as error:
-        raise InputError(path, str(error)) from error
-    motion = with_motion_between(motion, implied.fit, noise, rate)
+    measured = _explained(path, markers, arms, theta, reason, noise, how, job)
+    share = measured[-1].share(noise) if measured[-1] is not None and markers.interpolation is None else np.ones(2)
+    if (share < 1).any():  # the lengths vary by more than the angles err
+        noise = replace(noise, std=share * noise.std)
+        measured = _explained(path, markers, arms, theta, reason, noise, how, job)
+    motion, quality, reason, implied, off = measured
     of_both = single_energy(motion.y[:, 0], motion.y[:, 2], implied.fit.constants.G1) if job.single else None
     level = energy(motion.y, implied.fit.constants) if of_both is None else of_both
-    return Angles(
-        markers, arms, tracked, fitting, noise, length_std, marker_std, motion, quality, reason, implied, level
+    angles = Angles(
+        markers, arms, tracked, fitting, noise, length_std, marker_std, motion, quality, reason, implied, level, off
     )
+    unexplained = angles.unexplained
+    if unexplained is None:
+        return angles
+    return replace(angles, motion=with_errors(motion, unexplained.error(motion.y[:, 2:]), order, rate))
 
 
-def _require(path: Path, usable: np.ndarray, rate: float, job: MeasureAnglesJob) -> None:
-    """Refuse a recording with too few usable frames."""
+def _explained(
+    path: Path,
+    markers: MarkerTable,
+    arms: Arms,
+    theta: np.ndarray,
+    reason: np.ndarray,
+    noise: Noise,
+    how: Smoothing,
+    job: MeasureAnglesJob,
+) -> tuple[Motion, np.ndarray, np.ndarray, Implied, Misfit | None]:
+    """Motion, quality and reason of each frame, what the motion implies, and what no pendulum explains of it."""
+    rate = markers.rate_hz
+    motion = smooth_motion(theta, rate, noise, how)
+    quality, reason = judge(motion, np.isfinite(theta).all(1), reason, arms.borrowed)
+    good = quality == MEASURED
+    reason[good & markers.corrected] = CORRECTED
+    _require(path, good, reason, markers, job)
+    try:
+        states = np.where(good[:, None], motion.y, np.nan)
+        if job.single:
+            implied = explain_single(states[:, [0, 2]], rate)
+        else:
+            implied = explain(states, rate, job.arm1_m, job.rotation_deg)
+    except InputError as error:
+        if good.mean() > FEW and not crowded(angles_of(markers.places)):
+            raise InputError(path, str(error)) from error
+        why, remedy = _too_few(good, reason, markers, job)
+        found = f"{str(error).partition('; ')[0]}; {int(good.sum())} of {len(good)} frames are usable: {why}"
+        raise InputError(path, found, remedy) from error
+    motion = with_motion_between(motion, implied.fit, noise, rate)
+    seen = np.where(good[:, None], motion.raw, np.nan)
+    known = np.broadcast_to(noise.std, seen.shape)
+    if markers.interpolation is not None:
+        known = np.hypot(known, filled(markers.interpolation))
+        motion = with_errors(motion, markers.interpolation, how.order, rate)
+    return motion, quality, reason, implied, misfit(seen, motion.y, known, implied.fit, rate, job.single)
+
+
+def angles_of(places: np.ndarray) -> np.ndarray:
+    """Angles (n, 2) in rad of arms between places (n, 3, 2), 0 where y grows; NaN where one is missing."""
+    vectors = np.diff(places, axis=1)
+    return np.arctan2(vectors[..., 0], vectors[..., 1])
+
+
+def _too_few(usable: np.ndarray, reason: np.ndarray, markers: MarkerTable, job: MeasureAnglesJob) -> tuple[str, str]:
+    """Why they are, and what helps; a frame that is interpolated has the reason for which it had to be."""
+    own = np.where((reason == "interpolated") & (markers.reason != ""), markers.reason, reason)
+    return too_few(own, usable, angles_of(markers.places), markers.rate_hz, job.max_gap_frames)
+
+
+def _require(path: Path, usable: np.ndarray, reason: np.ndarray, markers: MarkerTable, job: MeasureAnglesJob) -> None:
+    """Refuse a recording with too few usable frames, and say why they are so few."""
+    rate = markers.rate_hz
     wanted = max(FEWEST, job.min_usable_s * rate)
     if usable.sum() < wanted:
-        remedy = f"at least {int(np.ceil(wanted))} are needed: check the tracking"
-        raise InputError(path, f"{int(usable.sum())} of {len(usable)} frames are usable", remedy)
+        why, remedy = _too_few(usable, reason, markers, job)
+        found = f"{int(usable.sum())} of {len(usable)} frames are usable, {int(np.ceil(wanted))} are needed: {why}"
+        raise InputError(path, found, remedy)
 
 
-def _write(output: str | Path, angles: Angles, single: bool) -> None:
+def _write(output: str | Path, angles: Angles, job: MeasureAnglesJob) -> None:
     columns = {"frame": angles.markers.frame, "t": angles.markers.t}
     columns |= {name: angles.motion.y[:, k] for k, name in enumerate(STATE)}
     columns |= {"energy": angles.energy, "quality": angles.quality, "reason": angles.reason}
-    columns |= {f"{name}_raw": angles.motion.raw[:, k] for k, name in enumerate(STATE[:2])}
-    columns |= {f"{name}_std": angles.motion.std[:, k] for k, name in enumerate(STATE)}
+    raw, std = angles.raw(job.rotation_deg), angles.std(job)
+    columns |= {f"{name}_raw": raw[:, k] for k, name in enumerate(STATE[:2])}
+    columns |= {f"{name}_unsmoothed": angles.motion.raw[:, k] for k, name in enumerate(STATE[:2])}
+    columns |= {f"{name}_std": std[:, k] for k, name in enumerate(STATE)}
+    columns |= {f"{name}_px": angles.arms.lengths[:, k] for k, name in enumerate(("arm1", "arm2"))}
     columns |= {f"{name}_std": std for name, std in zip(("pivot", "joint", "tip"), angles.marker_std, strict=True)}
-    if single:
+    if job.single:
         columns |= {name: np.full(len(angles.quality), np.nan) for name in columns if name.startswith(SECOND)}
     table = pd.DataFrame({**columns, "source": angles.markers.source})
     with atomic(output) as temporary:
         table.to_csv(temporary, index=False, float_format="%.9g")
 
 
-def _summarise(name: str, angles: Angles, job: MeasureAnglesJob, rectified: Rectified | None) -> RecordingSummary:
+def _summarise(
+    name: str, angles: Angles, job: MeasureAnglesJob, rectified: Rectified | None, rolling: Rolling | None
+) -> RecordingSummary:
     arms, fit, tilt = angles.arms, angles.implied.fit, angles.implied.tilt_deg
     rate, rotation = angles.markers.rate_hz, job.rotation_deg
     good = angles.quality == MEASURED
     gaps = gap_lengths(angles.quality != UNUSABLE)
-    uncertain = np.nanmedian(angles.motion.std[good], axis=0)
+    uncertain = np.nanmedian(angles.std(job)[good], axis=0)
     second = max(1, round(rate))
     return RecordingSummary(
         recording=name,
@@ -260,18 +372,23 @@ def _summarise(name: str, angles: Angles, job: MeasureAnglesJob, rectified: Rect
         timing=TimingSummary(**asdict(angles.markers.timing)),
         span_s=job.span_s,
         rectified=None if rectified is None else RectifiedSummary(**asdict(rectified)),
+        rolling_row_us=None if rolling is None else 1e6 * rolling.row_s,
         rate_hz=rate,
         rate_provenance=job.rate_provenance,
         implied_rate_hz=angles.implied.rate_hz,
         rotation_deg=rotation,
         implied_rotation_deg=None if tilt is None else rotation + tilt,
+        rotation_error_deg=float(np.rad2deg(angles.direction_error(job))),
         warnings=[
             *contradictions(angles.implied, rate, job.rate_provenance, job.arm1_m, rotation),
             *_doubts(angles, uncertain, job),
+            *_unexplained(angles, job.single),
+            *([] if rolling is None else [rolling.warning]),
             *angles.markers.timing.doubts(len(angles.markers)),
         ],
         constants=fit.constants.to_dict(),
         friction=fit.friction,
+        misfit_deg=None if angles.off is None else tuple(np.rad2deg(angles.off.rms).tolist()),
         r2_1=fit.r2[0],
         r2_2=fit.r2[1],
         energy_start=float(np.median(angles.energy[good][:second])),
@@ -298,3 +415,30 @@ def _doubts(angles: Angles, uncertain: np.ndarray, job: MeasureAnglesJob) -> lis
         f"the motion is too fast for polynomials at {rate:g} Hz: {share.max():.0%} of the angles are as measured, and"
         f" the speeds are uncertain by {uncertain[2]:.2g} and {uncertain[3]:.2g} rad/s in the median"
     ]
+
+
+def _unexplained(angles: Angles, single: bool) -> list[str]:
+    """That no pendulum moves so, in plain words, and what may be the cause."""
+    off, r2 = angles.off, angles.implied.fit.r2
+    shown = slice(0, 1) if single else slice(0, 2)
+    if off is None:
+        if min(r2) >= LEAST_R2:
+            return []
+        return [
+            f"the pendulum explains a share of {_listed(r2[shown], '.2f')} of the motion (R²) and no stretch is long"
+            " enough to tell the angles' errors: take their uncertainties for too small"
+        ]
+    if not off.beyond:
+        return []
+    late = 1000 * np.sqrt(off.timing[shown].min())  # one time is wrong for both
+    times = f", as if frames were off their times by {late:.1f} ms" if late > LATE_MS else ""
+    return [
+        f"the angles are off any pendulum's motion by {_listed(np.rad2deg(off.rms[shown]), '.2g')}° rms{times} (R²"
+        f" {_listed(r2[shown], '.2f')}), their markers by {_listed(np.rad2deg(off.known[shown]), '.2g')}°: the"
+        " uncertainties were widened to that; use the original if the video was converted to another frame rate, and"
+        " check arms and view"
+    ]
+
+
+def _listed(values: Sequence[float], form: str) -> str:
+    return " and ".join(format(value, form) for value in values)

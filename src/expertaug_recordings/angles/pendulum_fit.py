@@ -172,6 +172,29 @@ class Gravity:
     error_deg: float
 
 
+CONTRADICTED = 2.0  # standard errors, below which the motion does not contradict the stated direction
+
+
+def direction_error(found: Gravity | None, stated_deg: float | None, turned: bool) -> float:
+    """Standard uncertainty in degrees of the stated direction of gravity, by what the motion says of it.
+
+    Arguments:
+        found: direction from the stated one; None where the motion does not tell.
+        stated_deg: its own standard uncertainty; None where it is not known.
+        turned: whether the stated direction is another than the image's own: it then was measured, most often by the
+            motion too, and is no surer than what is found here.  Down in the image is only what the motion contradicts.
+    """
+    if stated_deg == 0 or found is None:
+        return stated_deg or 0.0
+    off, error = found.degrees, found.error_deg
+    if stated_deg is None and turned:
+        return math.hypot(off, error)
+    if stated_deg is None:
+        return math.sqrt(max(off**2 - error**2, 0.0)) if abs(off) > CONTRADICTED * error else 0.0
+    share = stated_deg**2 / (stated_deg**2 + error**2)  # of what it is off by that is not the motion's own error
+    return math.sqrt(share * error**2 + (share * off) ** 2)
+
+
 def find_gravity(y: np.ndarray, interval: float, every: int = 1) -> Gravity | None:
     """Direction in which gravity pulls, by the changes of momentum.
 
@@ -245,12 +268,17 @@ class Implied:
     Attributes:
         fit: the pendulum's constants and friction, and how well they explain the motion.
         rate_hz: frame rate; None where the first arm's length is not known.
-        tilt_deg: by how much gravity is off its stated direction; None where the fits do not tell.
+        gravity: its direction from the stated one; None where the fits do not tell.
     """
 
     fit: Fit
     rate_hz: float | None
-    tilt_deg: float | None
+    gravity: Gravity | None
+
+    @property
+    def tilt_deg(self) -> float | None:
+        """By how much gravity is off its stated direction."""
+        return None if self.gravity is None else self.gravity.degrees
 
 
 def explain(y: np.ndarray, rate_hz: float, arm1_m: float | None, rotation_deg: float = 0.0) -> Implied:
@@ -278,7 +306,7 @@ def explain(y: np.ndarray, rate_hz: float, arm1_m: float | None, rotation_deg: f
         )
         raise InputError(str(error).partition("; ")[0], "the direction of gravity is wrong", remedy) from error
     implied = None if arm1_m is None else implied_rate(fit.constants, rate_hz, arm1_m)
-    return Implied(fit, implied, None if gravity is None else gravity.degrees)
+    return Implied(fit, implied, gravity)
 
 
 def contradictions(
@@ -327,7 +355,7 @@ def explain_single(y: np.ndarray, rate_hz: float) -> Implied:
         InputError: as :func:`fit_single`.
     """
     fit, gravity = fit_single(y, rate_hz)
-    return Implied(fit, None, gravity.degrees)
+    return Implied(fit, None, gravity)
 
 
 def fit_single(y: np.ndarray, rate_hz: float) -> tuple[Fit, Gravity]:

@@ -11,7 +11,7 @@ unbiased estimate of risk).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -190,14 +190,11 @@ class Motion:
     margin: np.ndarray
     outlier: np.ndarray
 
-    def with_error(self, error: np.ndarray) -> Motion:
-        """The same with errors (n, 2) in rad that the measured angles have besides their noise; NaN where nothing is
-        known of it: there the largest that is."""
-        known = np.isfinite(error)
-        error = np.where(known, error, error[known].max(initial=0.0))
-        std = self.std.copy()
-        std[:, :2] = np.hypot(std[:, :2], error)
-        return replace(self, std=std)
+
+def filled(error: np.ndarray) -> np.ndarray:
+    """Errors (n, 2) with the largest of them where nothing is known."""
+    known = np.isfinite(error)
+    return np.where(known, error, error[known].max(initial=0.0))
 
 
 def window_frames(seconds: float, order: int, rate: float) -> int:

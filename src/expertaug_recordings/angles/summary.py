@@ -25,6 +25,7 @@ class TimingSummary(BaseModel):
     uneven_ms: float = 0.0
     frames_hz: Positive | None = None
     error_deg: tuple[float, float] | None = None
+    converted_from_hz: Positive | None = None
 
 
 class RectifiedSummary(BaseModel):
@@ -63,12 +64,16 @@ class RecordingSummary(BaseModel):
         timing: frames repeated and missing, and what resampling cost.
         span_s: first and last second (None: the end) that are used of a longer recording; None where all is.
         rectified: how lens and view were undone; None where they were not.
+        rolling_row_us: from row to row of a shutter that rolls; None where the lengths tell of none.
         rate_hz, rate_provenance: stated frame rate and where it is known from.
         implied_rate_hz: by the motion; None where the first arm's length is not known.
         rotation_deg: stated direction of gravity in the image: 0 down, 90 right.
         implied_rotation_deg: by the motion; None where it does not tell.
+        rotation_error_deg: standard uncertainty of the stated direction, which all angles share.
         warnings: what the motion contradicts.
         constants, friction: those of the pendulum that moves like that, in the stated time.
+        misfit_deg: how far both angles are off the motion of any pendulum, rms, the markers' noise included; None where
+            no stretch tells.
         r2_1, r2_2: shares of the motion of the two angles that they explain.
         energy_start, energy_end: in s⁻².
     """
@@ -105,14 +110,17 @@ class RecordingSummary(BaseModel):
     timing: TimingSummary = TimingSummary()
     span_s: tuple[float, float | None] | None = None
     rectified: RectifiedSummary | None = None
+    rolling_row_us: float | None = None
     rate_hz: Positive
     rate_provenance: str
     implied_rate_hz: Positive | None
     rotation_deg: float
     implied_rotation_deg: float | None
+    rotation_error_deg: float = 0.0
     warnings: list[str]
     constants: Annotated[dict[Literal["B1", "G1", "B2", "G2"], float], Field(min_length=4)]
     friction: tuple[float, float]
+    misfit_deg: tuple[float, float] | None = None
     r2_1: float
     r2_2: float
     energy_start: float

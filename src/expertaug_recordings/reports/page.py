@@ -21,7 +21,8 @@ from expertaug_recordings.tables import PLACES, read_table
 
 STATE = ("theta1", "theta2", "omega1", "omega2")
 UNCERTAIN = tuple(f"{name}_std" for name in (*STATE, "pivot", "joint", "tip"))
-COLUMNS = ("t", *STATE, "energy", "quality", "source", "theta1_raw", "theta2_raw", *UNCERTAIN)
+CORRECTED = ("theta1_unsmoothed", "theta2_unsmoothed", "arm1_px", "arm2_px")
+COLUMNS = ("t", *STATE, "energy", "quality", "source", *CORRECTED, *UNCERTAIN)
 WRONG = "#B00020"
 FIRST, SECOND = "#0072B2", "#D55E00"  # of the two arms
 STATES = ((MEASURED, "measured", "#009E73"), (INTERPOLATED, "not used", "#E69F00"), (UNUSABLE, "unusable", WRONG))
@@ -31,10 +32,10 @@ WIDTH, LINE = 112, 0.165  # of text: characters in a line, and its height in inc
 def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path, output: str | Path) -> None:
     """Draw a recording's page.
 
-    Panels over time: each arm's length against its median with the band that its two markers' standard uncertainties
-    make, both angles, by how much they are smoothed with the band of their standard uncertainty, the same band of the
-    speeds, the energy and which frames are used; below, how many frames have which reason.  Frames that are not used
-    have lighter dots.
+    Panels over time: each arm's corrected length against its median (in grey the distance of its markers) with the
+    band that its two markers' standard uncertainties make, both angles, by how much they are smoothed with the band of
+    their standard uncertainty, the same band of the speeds, the energy and which frames are used; below, how many
+    frames have which reason.  Frames that are not used have lighter dots.
 
     Arguments:
         markers, angles, summary: what :func:`expertaug_recordings.angles.measure.measure_angles` read and wrote.
@@ -68,7 +69,7 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
         t, quality = table["t"].to_numpy(float), table["quality"].to_numpy(float)
         _lengths(over_time[:2], t, points.to_numpy(float)[source], table, quality)
         _angles(over_time[2], t, table, quality)
-        _smoothed(over_time[3:5], t, table, quality)
+        _smoothed(over_time[3:5], t, table, quality, found.rotation_error_deg)
         _speeds(over_time[5], t, table)
         _energy(over_time[6], t, table["energy"].to_numpy(float), quality)
         _used(band, t, quality)
@@ -100,10 +101,12 @@ def _heading(found: RecordingSummary) -> str:
         rate = f"the motion implies {implied:.1f} Hz ({implied / found.rate_hz - 1:+.1%})"
     tilt, turned = found.implied_rotation_deg, f"gravity stated at {found.rotation_deg:g}°"
     turned += "; the motion implies none" if tilt is None else f", implied at {tilt:.1f}°"
+    turned += f"; uncertain by {found.rotation_error_deg:.2g}°" if found.rotation_error_deg else ""
     constants = ", ".join(f"{name} {value:.4g}" for name, value in found.constants.items())
     gaps = f"{found.gaps} gaps, the longest of {found.longest_gap_frames} frames" if found.gaps else "no gaps"
     if found.pendulum == "single":
         return "\n".join(textwrap.fill(line, WIDTH) for line in _single(found, gaps, turned))
+    off = found.misfit_deg
     lines = [
         f"{found.frames} frames, {found.duration_s:.1f} s; tracked {found.tracked_share:.2%}, used"
         f" {found.usable_share:.2%}; {gaps}; {found.interpolated} frames interpolated",
@@ -116,7 +119,8 @@ def _heading(found: RecordingSummary) -> str:
         f" {found.uncertainty2_deg:.3f}°, of the speeds {found.uncertainty1_rad_s:.2g} and"
         f" {found.uncertainty2_rad_s:.2g} rad/s",
         _pivot(found) + _offsets(found),
-        f"Constants {constants} (G in s⁻²); R² {found.r2_1:.4f} and {found.r2_2:.4f}",
+        f"Constants {constants} (G in s⁻²); R² {found.r2_1:.4f} and {found.r2_2:.4f}"
+        + ("" if off is None else f"; angles off its motion by {off[0]:.2g}° and {off[1]:.2g}° rms"),
     ]
     return "\n".join(textwrap.fill(line, WIDTH) for line in lines)
 
@@ -147,7 +151,8 @@ def _single(found: RecordingSummary, gaps: str, turned: str) -> list[str]:
         *_rectified(found),
         f"Arm {found.arm1_px:.2f} ± {found.arm1_std_px:.2f} px; noise of the measured angle {found.noise1_deg:.3f}°, of"
         f" the smoothed one {found.uncertainty1_deg:.3f}°, of the speed {found.uncertainty1_rad_s:.2g} rad/s",
-        f"ω0 {omega0:.4g} rad/s, α {alpha:.3g} s⁻¹; R² {found.r2_1:.4f}",
+        f"ω0 {omega0:.4g} rad/s, α {alpha:.3g} s⁻¹; R² {found.r2_1:.4f}"
+        + ("" if found.misfit_deg is None else f"; angles off its motion by {found.misfit_deg[0]:.2g}° rms"),
     ]
 
 
@@ -157,6 +162,8 @@ def _times(found: RecordingSummary) -> list[str]:
     if found.span_s is not None:
         first, last = found.span_s
         said.append(f"from {first:g} s of the video to {'its end' if last is None else f'{last:g} s'}")
+    if timing.converted_from_hz is not None:
+        said.append(f"put back to those of {timing.converted_from_hz:.5g} frames/s, which the video was converted from")
     if timing.uneven_ms:
         said.append(f"off even ones by up to {timing.uneven_ms:.1f} ms")
     if timing.frames_hz is not None:
@@ -188,18 +195,27 @@ def _dots(axis: Axes, t: np.ndarray, values: np.ndarray, quality: np.ndarray, co
 
 
 def _lengths(axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, table: pd.DataFrame, quality: np.ndarray) -> None:
-    """Distances between the markers, off their medians, and how uncertain the markers make them."""
-    length = np.linalg.norm(np.diff(points.reshape(-1, 3, 2), axis=1), axis=2)
-    off = length - np.nanmedian(length, axis=0)
+    """Lengths of the arms from hinge to hinge, off their medians, and how uncertain the markers make them; behind them
+    in grey the distances between the markers."""
+    seen, length = np.linalg.norm(np.diff(points.reshape(-1, 3, 2), axis=1), axis=2), table[list(CORRECTED[2:])]
+    plain, off = seen - np.nanmedian(seen, axis=0), corrected_off(length.to_numpy(float), seen)
     reach = 1.3 * float(np.nanquantile(np.abs(off), 0.999)) + 0.05
     each = table[list(UNCERTAIN[len(STATE) :])].to_numpy(float)
     for k, (axis, colour) in enumerate(zip(axes, (FIRST, SECOND), strict=True)):
         band = np.hypot(each[:, k], each[:, k + 1])
+        axis.plot(t, plain[:, k], ".", color="0.8", markersize=1.0, rasterized=True)
         _dots(axis, t, off[:, k], quality, colour, "")
         axis.fill_between(t, -band, band, color="0.1", alpha=0.4, linewidth=0, zorder=3, rasterized=True)
         axis.set_ylim(-reach, reach)
         axis.axhline(0, color="0.6", linewidth=0.6)
         axis.set_ylabel(f"arm {k + 1} off\n± std [px]")
+
+
+def corrected_off(length: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """By how much corrected lengths (n, 2) in px are off their medians; what a single pendulum lacks is as it was
+    ``seen``."""
+    length = np.where(np.isfinite(length).any(0), length, seen)
+    return length - np.nanmedian(length, axis=0)
 
 
 def _angles(axis: Axes, t: np.ndarray, table: pd.DataFrame, quality: np.ndarray) -> None:
@@ -212,10 +228,11 @@ def _angles(axis: Axes, t: np.ndarray, table: pd.DataFrame, quality: np.ndarray)
     axis.legend(loc="upper right", ncols=2, markerscale=6)
 
 
-def _smoothed(axes: Sequence[Axes], t: np.ndarray, table: pd.DataFrame, quality: np.ndarray) -> None:
-    """What smoothing took from each angle, and how uncertain what it left is."""
+def _smoothed(axes: Sequence[Axes], t: np.ndarray, table: pd.DataFrame, quality: np.ndarray, common_deg: float) -> None:
+    """What smoothing took from each angle, and how uncertain what it left is, without what all angles share."""
     for axis, name, colour, label in zip(axes, STATE, (FIRST, SECOND), (r"$\theta_1$", r"$\theta_2$"), strict=False):
-        taken, band = (np.rad2deg(v) for v in (table[f"{name}_raw"] - table[name], table[f"{name}_std"]))
+        taken, band = (np.rad2deg(v) for v in (table[f"{name}_unsmoothed"] - table[name], table[f"{name}_std"]))
+        band = np.sqrt((band**2 - common_deg**2).clip(lower=0))
         _dots(axis, t, taken.to_numpy(float), quality, "0.7", "")
         axis.fill_between(t, -band, band, color=colour, alpha=0.7, linewidth=0, zorder=3, rasterized=True)
         reach = 4 * float(np.nanquantile(band, 0.9)) if band.notna().any() else 1.0

@@ -91,5 +91,6 @@ def _cells(recording: RecordingSummary) -> dict[str, object]:
     error = "; ".join(f"{value:.3g}" for value in recording.timing.error_deg or ())
     reasons = "; ".join(f"{reason} {count}" for reason, count in recording.reasons.items())
     timing = recording.timing.model_dump() | {"error_deg": error}
-    texts = {"reasons": reasons, "warnings": "; ".join(recording.warnings)}
+    off = "; ".join(f"{value:.3g}" for value in recording.misfit_deg or ())
+    texts = {"reasons": reasons, "misfit_deg": off, "warnings": "; ".join(recording.warnings)}
     return recording.model_dump(exclude=apart) | texts | recording.constants | timing
