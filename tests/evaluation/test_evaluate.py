@@ -296,7 +296,7 @@ def test_figures_and_metrics_are_artifacts_of_the_tracked_runs(evaluated, tmp_pa
             assert {f.path for f in client.list_artifacts(run.info.run_id)} == names
             assert "test/log_mse_sum" in run.data.metrics and run.data.tags["rule"] == "evaluate"
             assert (run.info.run_name, run.data.tags["table"]) == (
-                f"pendulum/{label} · seed {seed} · evaluate",
+                f"{label} · seed {seed} · evaluate · pendulum",
                 "tables/pendulum.md",
             )
             assert run.info.status == "FINISHED"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from numbers import Real
 from typing import Literal, TypeAlias, TypedDict
 
 import numpy as np
@@ -13,7 +14,7 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.systems import System
 from expertaug.systems.inputs import check_given
-from expertaug.trajectories import Trajectories
+from expertaug.trajectories import Trajectories, points_until
 
 Array: TypeAlias = np.ndarray | Tensor
 Ranges: TypeAlias = Mapping[str, Sequence[float]]
@@ -69,12 +70,13 @@ def noise(given: Noise) -> float | dict[str, float] | str:
     """
     each = given if isinstance(given, Mapping) else {"": given}
     for name, value in each.items():
-        if given != "estimated" and not (isinstance(value, (int, float)) and 0 <= value < np.inf):
+        estimated = isinstance(given, str) and given == "estimated"
+        if not (estimated or (isinstance(value, Real) and 0 <= float(value) < np.inf)):
             where = f"noise.{name}" if name else "noise"
             raise InputError(where, f"found {value!r}", "a standard deviation, at least 0, or 'estimated'")
     if isinstance(given, Mapping):
         return {str(name): float(value) for name, value in given.items()}
-    return given if given == "estimated" else float(given)
+    return given if isinstance(given, str) else float(given)
 
 
 def like(value: Tensor, given: object) -> Array:
@@ -219,19 +221,47 @@ def seeds_of(given: Iterable[int]) -> list[int]:
     return seeds
 
 
+def check_observed(observed_s: object, t: np.ndarray) -> None:
+    """The end of the observed window lies within the times of the data, behind their first.
+
+    Raises:
+        InputError: it does not.
+    """
+    if (
+        not isinstance(observed_s, Real)
+        or points_until(t, float(observed_s)) < 2
+        or observed_s > t[-1] + TIME_TOLERANCE * abs(t[-1] - t[0])
+    ):
+        raise InputError("observed_s", f"found {observed_s!r}", f"the data's times are {brief(t)}")
+
+
+def check_set(system: System, data: object, name: str, labelled: bool = True) -> None:
+    """A set must be of the system.
+
+    Arguments:
+        labelled: whether z_e must be the system's too.
+
+    Raises:
+        InputError: it is not.
+    """
+    if not isinstance(system, System):
+        found = f"is {getattr(system, '__name__', type(system).__name__)}"
+        raise InputError("system", found, "give an instance, as expertaug.DampedPendulum()")
+    one, state, parameters = trajectories(data, name), system.state_shape, system.expert_parameters
+    if one.y.shape[2:] != state or (labelled and one.z_e.shape[1] != len(parameters)):
+        found = f"y has shape {one.y.shape}, z_e {one.z_e.shape}"
+        wanted = f"y (N, T, {', '.join(map(str, state))}), z_e (N, {len(parameters)})"
+        raise InputError(name, found, f"{type(system).__name__} has {wanted}")
+    inputs(one.u, system, len(one), one.t, f"{name}.u")
+
+
 def check_sets(system: System, train: Trajectories, validation: Trajectories) -> None:
     """Both sets must be of the system and of one another's times.
 
     Raises:
         InputError: they are not.
     """
-    for name, data in (("train", train), ("validation", validation)):
-        trajectories(data, name)
-        state, parameters = system.state_shape, system.expert_parameters
-        if data.y.shape[2:] != state or data.z_e.shape[1] != len(parameters):
-            found = f"y has shape {data.y.shape}, z_e {data.z_e.shape}"
-            wanted = f"y (N, T, {', '.join(map(str, state))}), z_e (N, {len(parameters)})"
-            raise InputError(name, found, f"{type(system).__name__} has {wanted}")
-        inputs(data.u, system, len(data), data.t, f"{name}.u")
+    check_set(system, train, "train")
+    check_set(system, validation, "validation")
     if len(train.t) != len(validation.t) or not np.array_equal(train.t, validation.t):
         raise InputError("validation", f"has the times {brief(validation.t)}", "give those of train")

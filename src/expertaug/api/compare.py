@@ -84,6 +84,7 @@ def compare(
     states = {tuple(p.name for p in system.state) for system in experts.values()}
     if len(states) > 1:
         raise InputError("experts", f"their states differ: {sorted(states)}", "compare experts of the same quantities")
+    arguments.check_observed(observed_s, data.t)
     points = points_until(data.t, observed_s)
     half = (points + 1) // 2
     if min(half, points - half) < FEWEST:
@@ -123,6 +124,7 @@ def _candidate(first: TrainedModel, whole: TrainedModel, data: Trajectories, hal
         chi2=np.asarray(found.chi2, dtype=float),
         observations=fit.observations - missing.numpy(),
         parameters=fit.sizes[0] + fit.sizes[2],
+        overdispersion=max([1.0, *(whole.refinement.overdispersion or [])]),
     )
 
 

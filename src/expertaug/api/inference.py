@@ -14,7 +14,7 @@ from torch import Tensor
 from expertaug import systems
 from expertaug.api import arguments
 from expertaug.api.arguments import Array, Noise, Ranges, RefinementOptions, check_sets, seeds_of
-from expertaug.api.trained import TrainedModel
+from expertaug.api.trained import TrainedModel, warn_of_noise
 from expertaug.errors import InputError
 from expertaug.inference.adaptive_prior import (
     SAMPLES,
@@ -79,6 +79,8 @@ def least_squares(
     Raises:
         InputError: an argument that cannot be used.
     """
+    arguments.check_set(system, train, "train", labelled=False)
+    arguments.check_observed(observed_s, train.t)
     described = RecipeRecord.of(system=systems.describe(system), interaction=False)
     fitting = refinement_of(system, options, noise, prior)
     # Coarse steps of diffusion would shift the estimates by more than any noise does.
@@ -99,6 +101,7 @@ def least_squares(
             fitting = with_overdispersion(stored, fitting, train)
     stored = replace(stored, card=stored.card.but(refinement=fitting))
     model = TrainedModel(stored, single=True, refinement=stored.card.refinement)
+    warn_of_noise(fitting)
     _ = model.predictor  # says what is wrong with the options
     return model
 
@@ -163,6 +166,7 @@ def alternate(
     """
     recipe = HybridModel(system, {}, interaction)  # without an encoder
     check_sets(system, train, validation)
+    arguments.check_observed(observed_s, train.t)
     part = describe.settings_of(INTERACTION, interaction)
     described = RecipeRecord.of(system=systems.describe(system), model={"interaction": part})
     fitting, training = refinement_of(system, refinement, noise, prior), AlternatingSettings.from_mapping(options)
@@ -304,11 +308,13 @@ def refinement_of(system: System, options: RefinementOptions | None, noise: Nois
         InputError: an option or a range cannot be used.
     """
     names = [p.name for p in system.expert_parameters]
-    return Refinement.of(
-        settings=RefinementSettings.from_mapping(options),
-        noise=arguments.noise(noise),
-        prior=None if prior is None else arguments.ranges(prior, names, "prior"),
-    )
+    ranges = None if prior is None else arguments.ranges(prior, names, "prior")
+    positive = {parameter.name for parameter in system.expert_parameters if parameter.positive}
+    for name, (low, high) in (ranges or {}).items():
+        if name in positive and high <= 0:
+            found = f"found [{low:g}, {high:g}]"
+            raise InputError(f"prior.{name}", found, "the parameter is positive: give a range that is")
+    return Refinement.of(settings=RefinementSettings.from_mapping(options), noise=arguments.noise(noise), prior=ranges)
 
 
 def grow_ranges(

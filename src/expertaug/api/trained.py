@@ -18,12 +18,12 @@ from expertaug.api import arguments
 from expertaug.api.arguments import Array, Noise, Ranges, RefinementOptions
 from expertaug.api.forecasts import Forecast
 from expertaug.errors import InputError
-from expertaug.evaluation.estimates import Estimate, Stated, summarise
+from expertaug.evaluation.estimates import MOST_OPEN, Estimate, Stated, open_in, summarise
 from expertaug.evaluation.forecasts import constants_of
 from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import Scoring
 from expertaug.inference.diagnostics.alarm import FALSE_ALARMS, attainable, threshold
-from expertaug.inference.diagnostics.goodness import find_unexplained
+from expertaug.inference.diagnostics.goodness import LEVEL, find_unexplained
 from expertaug.inference.expected_error import expected_errors, record_misfits
 from expertaug.inference.flow import load as load_any
 from expertaug.inference.least_squares import LeastSquares, refined_by, with_overdispersion
@@ -63,7 +63,29 @@ UNEXPLAINED = (
     "the model does not explain %d of %d windows to within their noise (p_chi2 is small): another expert, or another "
     "noise, is called for"
 )
+TOO_WELL = (
+    "these windows are explained far better than their noise allows (χ² %.2g per degree of freedom, not 1): the noise "
+    "is stated about %.2g times too large, and intervals are as much too wide"
+)
+BEYOND = "the forecast goes on to %g s, beyond the %g s of the training's times: trusted is about what comes before"
+NO_NOISE = (
+    "the noise is 0, and residuals are about %.2g times what that allows: intervals are too narrow and the first point "
+    "counts as exact; give the data's noise, or a model that explains them"
+)
+SMALL_CHI2 = 0.5  # per degree of freedom, below which the noise is stated too large by half or more
+OPEN = (
+    "%.0f %% of the windows do not tell %s by themselves: a mean of their estimates is not told; where windows share "
+    "it, fit it to all of them (units={'%s': 'shared'})"
+)
+UNSTATED = 9.0  # of residuals' mean square, with a noise of 0
 logger = logging.getLogger(__name__)
+
+
+def warn_of_noise(refinement: Refinement) -> None:
+    """Tell where fits of training windows leave far more than a noise that was given as 0."""
+    most = max(refinement.overdispersion or [0.0])
+    if refinement.noise == 0 and "noise" not in refinement.settings.model_fields_set and most > UNSTATED:
+        logger.warning(NO_NOISE, most**0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +223,8 @@ class TrainedModel:
         outside = outside_support(self.system, self._as_used.card, estimates)
         trusted = None if misfit is None else self._trusted(misfit, outside, estimates, windows)
         _warn_of_most(outside, OUTSIDE)
+        if trusted is not None and t[-1] > self.t[-1] + arguments.TIME_TOLERANCE * (self.t[-1] - self.t[0]):
+            logger.warning(BEYOND, t[-1], self.t[-1])
         doubts = doubts_of(self.system, self._as_used.card, estimates)
         if doubts is not None:
             doubts.warn()
@@ -262,6 +286,9 @@ class TrainedModel:
             positive = [p.name for p in parameters if p.positive]
             stated = Stated(values, std, names, units, data.id, shared, constants, positive)  # type: ignore[arg-type]
             rows = summarise(stated, ranges)
+            for name, share in open_in(stated, ranges).items():
+                if share > MOST_OPEN and name not in shared:
+                    logger.warning(OPEN, 100 * share, name, name)
         return frame(Estimate, rows)
 
     def evaluate(
@@ -288,6 +315,12 @@ class TrainedModel:
             InputError: the set is of another system or of other times.
         """
         data = arguments.trajectories(data, "data").spread(max_samples)
+        first = self.t[self.observed - 1] if from_s is None else from_s
+        if not (data.t > first if from_s is None else data.t >= first).any():
+            found = f"has the times {arguments.brief(data.t)}"
+            raise InputError(
+                "data", found, f"none {'after' if from_s is None else 'from'} {first:g} s: nothing to score"
+            )
         windows, _ = self._windows(data.seen[:, : self.observed], data.t, data.u)
         if data.z_e.shape[1] != len(self.system.expert_parameters):
             names = ", ".join(p.name for p in self.system.expert_parameters)
@@ -398,6 +431,9 @@ class TrainedModel:
         each = zip(chi2.double().cpu().numpy(), freedom.double().cpu().numpy(), strict=True)
         beyond = np.stack([find_unexplained(np.nan_to_num(of_seed, nan=np.inf), dof) for of_seed, dof in each])
         _warn_of_most(torch.from_numpy(beyond), UNEXPLAINED)
+        total = float((chi2.nan_to_num() * freedom).sum() / freedom.sum())
+        if total < SMALL_CHI2 and torch.special.gammainc(freedom.sum() / 2, total * freedom.sum() / 2) < LEVEL:
+            logger.warning(TOO_WELL, total, total**-0.5 if total > 0 else np.inf)
         return torch.special.gammaincc(freedom / 2, freedom * chi2 / 2)
 
     def _trusted(self, misfit: Tensor, outside: Tensor | None, estimates: Estimates, windows: Windows) -> Tensor | None:

@@ -26,7 +26,7 @@ from expertaug.models import describe
 from expertaug.models.hybrid import HybridModel
 from expertaug.presets import Choices, resolve
 from expertaug.systems.solvers.solver import Solver
-from expertaug.trajectories import Trajectories, points_until
+from expertaug.trajectories import Trajectories
 
 Preset: TypeAlias = Literal["corrected", "paper", "code"]
 # A class, or functools.partial of one with its options.
@@ -142,12 +142,7 @@ def fit(
         raise InputError("model", f"is {type(model).__name__}", "give expertaug.HybridModel(system, encoder, …)")
     check_sets(model.system, train, validation)
     chosen = resolve(preset, choices)
-    if (
-        not isinstance(observed_s, (int, float))
-        or points_until(train.t, observed_s) < 2
-        or observed_s > train.t[-1] * (1 + 1e-6)
-    ):
-        raise InputError("observed_s", f"found {observed_s!r}", f"the data's times are {arguments.brief(train.t)}")
+    arguments.check_observed(observed_s, train.t)
     names = [p.name for p in model.system.expert_parameters]
     loss = describe.settings_of(OBJECTIVE, objective)
     described = describe.describe(model)

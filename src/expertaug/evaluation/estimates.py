@@ -34,6 +34,7 @@ from expertaug.trajectories import places_by_trajectory
 LEVEL = 0.90  # of the intervals
 BLOCKS, ENOUGH = 10, 5  # of a trajectory's windows, at most, and for an error by their scatter
 FEWEST = 6  # windows of which a correlation time can be estimated
+MOST_OPEN = 0.2  # share of the windows that leave a parameter open by themselves, for their mean to be told
 ALL = "all"
 MOST = 24  # lines of a parameter's panel; of more, those of single trajectories are left out
 LINE = 0.17  # inches
@@ -49,7 +50,8 @@ CAPTION = (
     "in all sets (at most 200 of the training set), weighted by their errors, with the error that blocks of "
     "successive windows tell. Of all: mean over trajectories, or over windows where each is a trajectory, and the "
     "spread between them beyond their errors. Told: the interval is narrower than half the range of p⁺, in which fits "
-    "start; no, the data do not tell the parameter. Intervals widen with the size and the correlation of residuals. Of "
+    "start, and at most a fifth of the windows leave the parameter open by themselves; no, the data do not tell it, "
+    "and windows count alike. Intervals widen with the size and the correlation of residuals. Of "
     "several seeds the mean, with their spread in the error."
 )
 
@@ -165,6 +167,24 @@ class Stated:
     positive: Collection[str] = ()
 
 
+def open_in(stated: Stated, ranges: Mapping[str, Sequence[float]]) -> dict[str, float]:
+    """Share of the windows that leave a parameter open by themselves: the 90 % interval of one is wider than half the
+    range of p⁺, or, of what cannot be negative, reaches zero."""
+    found = {}
+    for k, name in enumerate(stated.names):
+        if stated.errors is None:
+            continue
+        values, errors = (one[..., k].astype(float).mean(0) for one in (stated.values, stated.errors))
+        known = np.isfinite(values) & np.isfinite(errors)
+        half = stats.norm.ppf(0.5 + LEVEL / 2) * errors[known]
+        ends = ranges.get(name)
+        wide = np.zeros(len(half), bool) if ends is None else 2 * half >= TOLD * (ends[1] - ends[0])
+        if name in stated.positive:
+            wide |= half >= values[known]
+        found[name] = float(wide.mean()) if len(wide) else 0.0
+    return found
+
+
 def summarise(
     stated: Stated, ranges: Mapping[str, Sequence[float]], left_out: Sequence[str] = (), of: str = ALL
 ) -> list[Estimate]:
@@ -177,11 +197,13 @@ def summarise(
     """
     found = []
     count, together = stated.values.shape[1], stated.constants
+    left_open = {name for name, share in open_in(stated, ranges).items() if share > MOST_OPEN}
 
-    def row(one: Pooled, name: str, unit: str, of: str, windows: int) -> Estimate:
+    def row(one: Pooled, name: str, unit: str, of: str, windows: int, of_windows: bool = False) -> Estimate:
         low, high = interval(one, name in stated.positive)
         ends = ranges.get(name)
         told = None if ends is None or not np.isfinite(high - low) else high - low < TOLD * (ends[1] - ends[0])
+        told = told if told is None or not of_windows else told and name not in left_open
         numbers = (one.value, one.error, low, high, one.spread, windows, one.groups)
         return Estimate(name, unit, of, *numbers, None if told is None else bool(told))
 
@@ -205,6 +227,9 @@ def summarise(
             found.append(row(pooled, name, unit, SHARED, windows))
             continue
         mean, typical = values.mean(0), None if errors is None else errors.mean(0)
+        if typical is not None and name in left_open:
+            # Errors of weak estimates follow these: the low ones of a positive parameter would count most.
+            typical = np.full_like(typical, np.sqrt(np.square(typical).mean()))
         each = {}
         for trajectory, places in places_by_trajectory(identity, windows).items():
             one = of_trajectory(mean[places], None if typical is None else typical[places])
@@ -214,10 +239,11 @@ def summarise(
             means, stds = (np.array([getattr(one, part) for one, _ in each.values()]) for part in ("value", "error"))
             pooled = pool(means, stds)
             error = float(np.hypot(pooled.error, between))
-            found.append(row(Pooled(pooled.value, error, pooled.spread, pooled.groups), name, unit, of, windows))
+            of_all = Pooled(pooled.value, error, pooled.spread, pooled.groups)
+            found.append(row(of_all, name, unit, of, windows, of_windows=True))
         if identity is not None:
             done = {one.of for one in own}
-            found += [row(one, name, unit, t, n) for t, (one, n) in each.items() if t not in done]
+            found += [row(one, name, unit, t, n, of_windows=True) for t, (one, n) in each.items() if t not in done]
     of_sensors = [one for one in together if one.name not in stated.names]
     return found + [row(_pooled(one), one.name, one.unit, one.of, one.windows or count) for one in of_sensors]
 

@@ -18,6 +18,7 @@ from expertaug.inference.diagnostics.arrays import Array, plain
 
 LEVEL = 0.01  # probability of a verdict against a model that is right
 TOLERANCE = 0.1  # of χ² per degree of freedom: a noise that is known to 5 %
+TOO_SMALL = 0.5  # χ² per degree of freedom of windows together, below which the noise is stated too large
 STRONG = 10.0  # difference of the information criterion that decides (Kass & Raftery 1995: "very strong")
 LARGEST = 1e6  # of an error in units of the noise: what is beyond is as bad
 
@@ -41,6 +42,8 @@ class Goodness:
     @property
     def says(self) -> str:
         """One sentence."""
+        if self.explains and self.chi2 < TOO_SMALL:
+            return f"the model explains these windows far better than their noise allows (χ² {self.chi2:.3g}, not 1)"
         if self.explains:
             return f"the model explains these windows to within their noise (χ² {self.chi2:.3g} per degree of freedom)"
         return f"the model does not explain these windows to within their noise (χ² {self.chi2:.3g}, not 1)"
@@ -98,23 +101,26 @@ class Candidate:
         chi2: per degree of freedom, of fits of the whole windows, (N,).
         observations: numbers that were measured of each window, (N,).
         parameters: numbers that are fitted to a window.
+        overdispersion: of its residuals: how much more, for their size and correlation, than as many independent ones
+            of the noise that was stated.
     """
 
     held_out: np.ndarray
     chi2: np.ndarray
     observations: np.ndarray
     parameters: int
+    overdispersion: float = 1.0
 
     @property
     def dof(self) -> np.ndarray:
         """Degrees of freedom of each window, (N,)."""
         return self.observations - self.parameters
 
-    @property
-    def criterion(self) -> float:
-        """The Bayesian information criterion (Schwarz 1978) of a window with known noise, their mean."""
-        each = np.minimum(self.chi2, LARGEST) * self.dof + self.parameters * np.log(self.observations)
-        return float(each.mean())
+    def criterion(self, overdispersion: float) -> float:
+        """The Bayesian information criterion (Schwarz 1978) of a window with known noise, their mean; χ² counts for so
+        many times less (the quasi-likelihood of Lebreton et al. 1992)."""
+        each = np.minimum(self.chi2, LARGEST) * self.dof / overdispersion
+        return float((each + self.parameters * np.log(self.observations)).mean())
 
 
 @dataclass(frozen=True)
@@ -145,7 +151,10 @@ class Choice:
         """One sentence."""
         if self.chosen is None:
             return f"these windows do not decide between {' and '.join(self.as_good)}"
-        beyond = "" if self.goodness[self.chosen].explains else ", but does not explain them to within their noise"
+        goodness = self.goodness[self.chosen]
+        beyond = "" if goodness.explains else ", but does not explain them to within their noise"
+        if goodness.chi2 < TOO_SMALL:
+            beyond = f"; their noise seems stated too large (χ² {goodness.chi2:.2g}, not 1)"
         return f"these windows speak for {self.chosen}{beyond}"
 
 
@@ -174,7 +183,8 @@ def choose(candidates: Mapping[str, Candidate], groups: Sequence | np.ndarray | 
     independent = len(logs[best])
     behind = {name: float(np.median(value - logs[best])) for name, value in logs.items()}
     p = {name: 1.0 if name == best else _p(value - logs[best]) for name, value in logs.items()}
-    criteria = {name: independent * one.criterion for name, one in candidates.items()}
+    least_over = min(one.overdispersion for one in candidates.values())  # of the model that explains most
+    criteria = {name: independent * one.criterion(least_over) for name, one in candidates.items()}
     least = min(criteria.values())
     criterion = {name: value - least for name, value in criteria.items()}
     as_good = sorted((name for name in candidates if p[name] >= LEVEL), key=lambda name: criterion[name])

@@ -18,6 +18,8 @@ from expertaug.systems.solvers.implicit import SCIPY, by_scipy, rodas3
 from expertaug.systems.solvers.linear_propagator import Propagator, Propagators, lawson4_step
 from expertaug.systems.solvers.odeint import odeint, on_grid
 
+MOST_STEPS = 50_000  # from one time to the next: what needs more would hardly end
+
 
 class Solver(SolverSettings):
     """How to solve.
@@ -74,8 +76,8 @@ class Solver(SolverSettings):
             rank: axes of a state, which implicit methods need to know.
             kinks: whether f bends at the times t: an adaptive method then ends a step there.
             event: where trajectories jump; f then has the side as third argument (:mod:`.events`).
-            most_steps: that dopri5 and dopri8 take from one time to the next before they give up; None: as many as are
-                needed.
+            most_steps: that dopri5 and dopri8 take from one time to the next before they give up; None:
+                :data:`MOST_STEPS`.
 
         Raises:
             InputError: the method cannot stop at events.
@@ -102,10 +104,9 @@ class Solver(SolverSettings):
         try:
             t = t.to(y0.device, non_blocking=True)
             options: dict[str, Any] = {"step_t": t[1:-1]} if kinks and len(t) > 2 else {}
-            if most_steps is not None:
-                options["max_num_steps"] = most_steps
+            options["max_num_steps"] = MOST_STEPS if most_steps is None else most_steps
             return odeint(  # type: ignore[return-value]
-                f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol, options=options or None
+                f, y0, t, method=self.method, rtol=self.rtol, atol=self.atol, options=options
             )
         except AssertionError as error:  # torchdiffeq's word for a step that underflowed, and for too many
             raise SolveError(f"{self.method} failed ({error})") from error
