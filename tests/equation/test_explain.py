@@ -273,3 +273,18 @@ def test_the_real_pendulums_speed_column_is_found_to_be_off(reverse, limit):
     assert of["theta: omega"] == pytest.approx(0.051, abs=0.006)
     scores = found.model.evaluate(sets["test"]).set_index("metric")["value"]
     assert scores["log_mse_sum"] < limit
+
+
+@pytest.mark.parametrize("gain", [0.9, 1.0])
+def test_a_speed_that_is_not_the_angles_slope_is_told(gain, caplog):
+    t = np.arange(81) * 0.05
+    data = ea.simulate(ea.DampedPendulum(), {"omega0": (2, 2)}, {"alpha": (0, 0)}, n=12, t=t, noise=0.005)
+    y = data.y.copy()
+    y[..., 1] *= gain
+    sets = [ea.Trajectories(t, y[part], data.z_e[part]) for part in (slice(8), slice(8, 12))]
+    model = ea.least_squares(
+        ea.DampedPendulum(), sets[0], observed_s=2.0, prior={"omega0": (1, 3)}, noise=0.005, units={"omega0": "shared"}
+    )
+    caplog.clear()
+    ea.explain(model, *sets, only=["omega: omega"])
+    assert ("of the slope of theta" in caplog.text) == (gain != 1.0)

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 import pandas as pd
 
+from expertaug import systems
 from expertaug.api import arguments
 from expertaug.api.arguments import Noise
 from expertaug.api.trained import TrainedModel
 from expertaug.equation.result import Found
 from expertaug.equation.search import Options, Search
+from expertaug.measurements.slopes import slope
 from expertaug.models.terms import Term
+from expertaug.systems import System
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+
+SLOPE = (
+    "%s is %.3g (± %.1g) of the slope of %s: a scale, or other units, of its sensor, which no term of its own rate "
+    "mends; let kinematics=True, or sensors={'%s': {'scale': 'shared'}} in the fits, say which"
+)
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -112,10 +123,22 @@ def explain(
         by_parameters=by_parameters,
         most=most_terms,
     )
+    if not kinematics and (model.refinement is None or not model.refinement.settings.sensors):
+        _warn_of_slopes(model.system, train)
     given = None if noise is None else arguments.noise(noise)
     with arguments.one_thread():
         search = Search(model.stored, model.predictor, model.refinement, train, validation, units, given, solver, label)
         return Equation(**vars(search.run(options)))
+
+
+def _warn_of_slopes(system: System, data: Trajectories) -> None:
+    """Tell of a column that is not the slope of the one whose rate it is: no term of its own rate mends that."""
+    names, seen = [p.name for p in system.state], data.seen
+    for rate, of in systems.rates(system).items():
+        k, j = names.index(of), names.index(rate)
+        found = slope([(data.t, one[:, k], one[:, j]) for one in np.asarray(seen)])
+        if found is not None and found.is_off:
+            logger.warning(SLOPE, rate, found.factor, found.error, of, rate)
 
 
 def _terms(given: Sequence[Term | str]) -> tuple[Term, ...]:
