@@ -104,10 +104,8 @@ def _misfit(t: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 POINTS = 4  # frames by which a place between them is interpolated: two on either side
 LONGEST = 1.6  # nominal intervals between two of them
-MANY, OVER_ONE = (
-    0.05,
-    2.3,
-)  # share of longer ones, from which a missing frame is bridged, and how many those may be then
+MANY = 0.05  # share of longer intervals, from which single missing frames are bridged
+OVER_ONE = 2.3  # of the frame interval, how long those may be then
 SAME = 1e-3  # of an interval, within which a time is a frame's own
 
 
