@@ -66,10 +66,10 @@ class Measured:
         grid: all trajectories.
         noise: standard deviation of each component's noise, (K,), at least that of its sensor's resolution, NaN where
             it cannot be told; None where it is not asked for.
-        resolution: the step of each component's sensor, (K,), where it makes most of the noise, else NaN; None where
-            it is not asked for.
         source: how messages call it.
         nearer: whether a set with too few chunks has them begin nearer to each other.
+        resolution: the step of each component's sensor, (K,), where it makes most of the noise, else NaN; None where
+            it is not asked for.
     """
 
     files: list[Path]
@@ -77,9 +77,9 @@ class Measured:
     settings: MeasurementSettings
     grid: Grid
     noise: np.ndarray | None
-    resolution: np.ndarray | None = None
     source: Source = Source()
     nearer: bool = False
+    resolution: np.ndarray | None = None
 
     @property
     def seen(self) -> np.ndarray:
@@ -120,7 +120,7 @@ def measured(settings: MeasurementSettings, names: Names, tables: Mapping[Path, 
             _unwrap(one.y, list(names.state).index(name))
     noise = _noise(grid)
     steps = _steps(grid, noise)
-    return Measured(files, names, settings, grid, np.fmax(noise, steps / math.sqrt(12)), steps)
+    return Measured(files, names, settings, grid, np.fmax(noise, steps / math.sqrt(12)), resolution=steps)
 
 
 def _noise(grid: Grid) -> np.ndarray:
