@@ -114,7 +114,8 @@ def run(out: Path) -> list[str]:
     metrics, forecasts, logs = ([out / v / f for v in every] for f in ("metrics.csv", "forecasts.npz", "log.jsonl"))
     outputs = [out / f"table.{end}" for end in ("md", "csv", "tex")] + [out / "table_long.csv"]
     tabulate(metrics, outputs, TabulateJob.from_mapping(shown_settings.tabulate(whole, NAME)), forecasts)
-    plot(out / "table_long.csv", forecasts, logs, out / "figure", PlotJob.from_mapping(shown_settings.plot(whole, NAME)))
+    job = PlotJob.from_mapping(shown_settings.plot(whole, NAME))
+    plot(out / "table_long.csv", forecasts, logs, out / "figure", job)
     return every
 
 
