@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
-PATIENCE_S = 60
+PATIENCE_S = 120
 SIZE = (1280, 860)
 CLOSE_ASSISTANT = (
     "document.querySelectorAll('button[aria-label=Close], button[aria-label=close]').forEach(b => b.click())"

@@ -82,7 +82,7 @@ def test_a_changed_parameter_leaves_the_other_experiment_alone(project):
     [
         ("expertaug/cli.py", set()),
         ("expertaug/systems/pendulum.py", {"simulate_set"} | TRAINED),
-        ("expertaug/evaluation/tabulate.py", {"tabulate_experiment", "write_report"}),
+        ("expertaug/evaluation/tabulate.py", {"tabulate_experiment", "plot_experiment", "plot_overview", "write_report"}),
         ("expertaug_recordings/reports/page.py", {"plot_page_of_recording", "write_report"}),
         ("expertaug_recordings/reports/splits.py", {"plot_splits_of_experiment", "write_report"}),
         ("expertaug_recordings/reports/overlay.py", set()),
