@@ -23,7 +23,7 @@ from expertaug.evaluation.forecasts import constants_of
 from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import Scoring
 from expertaug.inference.diagnostics.alarm import FALSE_ALARMS, attainable, threshold
-from expertaug.inference.diagnostics.goodness import LEVEL, find_unexplained
+from expertaug.inference.diagnostics.goodness import find_unexplained, is_too_small
 from expertaug.inference.expected_error import expected_errors, record_misfits
 from expertaug.inference.flow import load as load_any
 from expertaug.inference.least_squares import LeastSquares, refined_by, with_overdispersion
@@ -72,7 +72,6 @@ NO_NOISE = (
     "the noise is 0, and residuals are about %.2g times what that allows: intervals are too narrow and the first point "
     "counts as exact; give the data's noise, or a model that explains them"
 )
-SMALL_CHI2 = 0.5  # per degree of freedom, below which the noise is stated too large by half or more
 OPEN = (
     "%.0f %% of the windows do not tell %s by themselves: a mean of their estimates is not told; where windows share "
     "it, fit it to all of them (units={'%s': 'shared'})"
@@ -432,7 +431,7 @@ class TrainedModel:
         beyond = np.stack([find_unexplained(np.nan_to_num(of_seed, nan=np.inf), dof) for of_seed, dof in each])
         _warn_of_most(torch.from_numpy(beyond), UNEXPLAINED)
         total = float((chi2.nan_to_num() * freedom).sum() / freedom.sum())
-        if total < SMALL_CHI2 and torch.special.gammainc(freedom.sum() / 2, total * freedom.sum() / 2) < LEVEL:
+        if is_too_small(total, float(freedom.sum()) / len(freedom)):  # seeds see the same windows
             logger.warning(TOO_WELL, total, total**-0.5 if total > 0 else np.inf)
         return torch.special.gammaincc(freedom / 2, freedom * chi2 / 2)
 

@@ -35,8 +35,8 @@ DAY = 86400
 COUNTERS = {"frame", "frames", "index", "row", "rows", "sample", "samples", "count", "counter", "tick", "ticks"}
 OF_TIME = re.compile(r"\b(date|day|datum|tag)\b", re.IGNORECASE)  # a column that is a part of the time itself
 REMEDY = (
-    "name the column that tells trajectories apart (--trajectory) or save a file for each; where it is one trajectory, "
-    "join date and time in one column, or unwrap the counter or clock"
+    "name the column that tells trajectories apart (trajectory; inspect-data: --trajectory) or save a file for "
+    "each; where it is one trajectory, join date and time in one column, or unwrap the counter or clock"
 )
 
 
@@ -163,10 +163,11 @@ def check_seconds(table: Table, name: str, t: np.ndarray) -> None:
     elif whole and step == 1 and COUNTERS & set(re.split(r"[\W_\d]+", name.lower())):
         found = "counts rows, as its name and its steps of 1 say"
         remedy = f"give times; or a step in s, as time: {{name: {name}, factor: 0.02}} in data.files"
-        raise InputError(table.path, f"column '{name}' {found}", f"{remedy}; or --unit '{name}=s' where it is a second")
+        raise InputError(table.path, f"column '{name}' {found}", f"{remedy}; where it is a second, unit: s")
     else:
         return
-    raise InputError(table.path, f"column '{name}' {found}", f"say which unit it is: --unit '{name}={unit}' (or s)")
+    remedy = f"time: {{name: {name}, unit: {unit}}} in data.files (inspect-data: --unit '{name}={unit}')"
+    raise InputError(table.path, f"column '{name}' {found}", f"say which unit it is, {unit} or s: {remedy}")
 
 
 def _days_of(value: float) -> str | None:

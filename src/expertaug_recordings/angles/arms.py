@@ -22,11 +22,10 @@ import pandas as pd
 from scipy.ndimage import uniform_filter1d
 
 from expertaug_recordings.angles.marker_table import MarkerTable
-from expertaug_recordings.angles.noise import TRIMMED, spread
+from expertaug_recordings.angles.noise import PASSES, spread, trimmed_fit
 from expertaug_recordings.settings import AngleKeys
 
 MOST = 5000  # frames or a little more, which tell enough
-PASSES = 4
 CERTAIN = 10.0  # standard errors of white noise; those of correlated noise are about a third as certain
 WILD = 0.3  # of an arm's length, by which no offset changes it
 GROUPS = ("pivot", "joint_arm2", "joint_arm1", "tip")  # two of each arm's length: first p, m2, then m1, g
@@ -101,13 +100,7 @@ def _harmonics(vectors: np.ndarray, k: int, found: dict[str, np.ndarray]) -> dic
     design = np.concatenate((np.ones((len(own), 1)), *columns), axis=1)
     typical = float(np.median(length))
     target = (length**2 - typical**2) / (2 * typical)
-    used = np.abs(target) < WILD * typical
-    for _ in range(PASSES):
-        x, *_ = np.linalg.lstsq(design[used], target[used], rcond=None)
-        off = target - design @ x
-        noise = max(float(spread(off[used])), 1e-9)
-        used = np.abs(off) < TRIMMED * noise
-    inverse = np.linalg.pinv(design[used].T @ design[used], hermitian=True)
+    x, _, _, noise, inverse = trimmed_fit(design, target, np.abs(target) < WILD * typical)
     names = ("joint_arm2", "pivot") if k == 0 else ("joint_arm1", "tip")
     change = {}
     for name, first in zip(names, (1, 3), strict=True):

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 LEAST_SHARE = 0.25  # of a length's variance that either of its markers has
+PASSES = 4
 TRIMMED = 5.0  # robust standard deviations: lengths further off are faults, not noise
 LEAST_PX = 0.005  # of an arm's length: below, it was not measured but made
 
@@ -39,6 +40,27 @@ class Noise:
 def spread(values: np.ndarray) -> np.ndarray:
     """Robust standard deviation along the first axis, NaN left out."""
     return 1.4826 * np.nanmedian(np.abs(values - np.nanmedian(values, axis=0)), axis=0)
+
+
+def trimmed_fit(
+    design: np.ndarray, target: np.ndarray, used: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray]:
+    """Least squares without what is far off.
+
+    Arguments:
+        design, target: (n, k) and (n,).
+        used: (n,), rows to begin with.
+
+    Returns:
+        the coefficients (k,), what they leave (n,), the rows that were kept at the end (n,), the noise of these, and
+        (XᵀX)⁻¹ (k, k): times the square of the noise the coefficients' covariance.
+    """
+    for _ in range(PASSES):
+        x, *_ = np.linalg.lstsq(design[used], target[used], rcond=None)
+        off = target - design @ x
+        noise = max(float(spread(off[used])), 1e-9)
+        used = np.abs(off) < TRIMMED * noise
+    return x, off, used, noise, np.linalg.pinv(design[used].T @ design[used], hermitian=True)
 
 
 def measure_noise(lengths: np.ndarray, usable: np.ndarray, lags: int) -> tuple[Noise, np.ndarray]:

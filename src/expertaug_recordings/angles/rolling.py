@@ -13,9 +13,9 @@ import numpy as np
 
 from expertaug_recordings.angles.even_times import from_polar, interpolate_arm, turns
 from expertaug_recordings.angles.marker_table import DROPPED, MarkerTable
-from expertaug_recordings.angles.noise import TRIMMED, spread
+from expertaug_recordings.angles.noise import spread, trimmed_fit
 
-PASSES, ROUNDS = 4, 3
+ROUNDS = 3
 CERTAIN = 12.0  # standard errors by which τ is more than none
 STEADIER = 1.25  # times, that the second arm's length must become
 FEWEST = 40  # frames
@@ -101,13 +101,7 @@ def _row_s(markers: MarkerTable, usable: np.ndarray) -> _Found | None:
     if known.sum() < FEWEST:
         return None
     design, target = design[known], length[known, 1]
-    used = np.ones(len(target), bool)
-    for _ in range(PASSES):
-        x, *_ = np.linalg.lstsq(design[used], target[used], rcond=None)
-        off = target - design @ x
-        noise = max(float(spread(off[used])), 1e-9)
-        used = np.abs(off) < TRIMMED * noise
-    inverse = np.linalg.pinv(design[used].T @ design[used], hermitian=True)
+    x, off, used, noise, inverse = trimmed_fit(design, target, np.ones(len(target), bool))
     steadier = float(spread(off[used] + x[0] * design[used, 0])) / noise
     return _Found(float(x[0]), noise * float(np.sqrt(inverse[0, 0])), steadier)
 

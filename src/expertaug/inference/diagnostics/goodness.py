@@ -32,17 +32,19 @@ class Goodness:
         chi2: per degree of freedom, of all windows together.
         p_together: the same probability for all windows together.
         explains: whether the model explains the windows to within their noise.
+        too_well: whether it does so far better than that, which says that the noise is stated too large.
     """
 
     p: np.ndarray
     chi2: float
     p_together: float
     explains: bool
+    too_well: bool = False
 
     @property
     def says(self) -> str:
         """One sentence."""
-        if self.explains and self.chi2 < TOO_SMALL:
+        if self.too_well:
             return f"the model explains these windows far better than their noise allows (χ² {self.chi2:.3g}, not 1)"
         if self.explains:
             return f"the model explains these windows to within their noise (χ² {self.chi2:.3g} per degree of freedom)"
@@ -72,7 +74,18 @@ def goodness_of_fit(chi2: Array, dof: Array | int, independent: int | None = Non
     together = freedom.sum() * (len(values) if independent is None else independent) / len(values)
     p_together = float(chi2_distribution.sf(total * together, together))
     explains = p_together >= LEVEL or total <= 1 + TOLERANCE
-    return Goodness(chi2_distribution.sf(values * freedom, freedom), total, p_together, bool(explains))
+    p = chi2_distribution.sf(values * freedom, freedom)
+    return Goodness(p, total, p_together, bool(explains), is_too_small(total, together))
+
+
+def is_too_small(chi2: float, dof: float) -> bool:
+    """Whether a χ² per degree of freedom is so far below 1, and that by no chance, that the noise is stated too large.
+
+    Arguments:
+        chi2: of all windows together.
+        dof: their degrees of freedom in sum.
+    """
+    return chi2 < TOO_SMALL and float(chi2_distribution.cdf(chi2 * dof, dof)) < LEVEL
 
 
 def find_unexplained(chi2: Array, dof: Array | int) -> np.ndarray:
@@ -153,7 +166,7 @@ class Choice:
             return f"these windows do not decide between {' and '.join(self.as_good)}"
         goodness = self.goodness[self.chosen]
         beyond = "" if goodness.explains else ", but does not explain them to within their noise"
-        if goodness.chi2 < TOO_SMALL:
+        if goodness.too_well:
             beyond = f"; their noise seems stated too large (χ² {goodness.chi2:.2g}, not 1)"
         return f"these windows speak for {self.chosen}{beyond}"
 
