@@ -88,6 +88,15 @@ def dash(variant: str) -> str | tuple:
     return "-" if version.is_augmented else DASHED
 
 
+def whiskers(values: Sequence[float], lows: Sequence[float], highs: Sequence[float]) -> np.ndarray:
+    """Lengths (2, n) of error bars below and above values (n,); 0 where an end is not known.
+
+    Rounding may put an end that is the value itself a little beyond it: all windows may have one estimate.
+    """
+    middle = np.asarray(values, dtype=float)
+    return np.nan_to_num([middle - np.asarray(lows), np.asarray(highs) - middle]).clip(0)
+
+
 def marker(variant: str) -> str:
     """The marker on a version's line."""
     version = Version.parse(variant)

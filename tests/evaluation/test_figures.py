@@ -46,6 +46,14 @@ def assert_nothing_is_cut(figure):
         assert not any(legend.get_window_extent(renderer).overlaps(box) for box in inside)
 
 
+def test_an_end_that_rounding_puts_beyond_its_mean_is_drawn(drawn, tmp_path):
+    """Of a parameter that all windows share each sample has the same error."""
+    lengths = plotting.whiskers([14.457905, 1.0], [14.457905 + 2e-15, np.nan], [14.457905, 2.0])
+    assert (lengths >= 0).all() and lengths[:, 1].tolist() == [0.0, 1.0]
+    (axis,) = plotting.new_figure(2).subplots(1, 1, squeeze=False)[0]
+    axis.errorbar([14.457905, 1.0], [0, 1], xerr=lengths)
+
+
 def test_dots_are_at_the_means(tmp_path, drawn):
     metrics = write_metrics(tmp_path)
     (path,) = tables_of(metrics)

@@ -151,7 +151,8 @@ def _line(axis: Axes, values: Sequence[float], points: Sequence[Point], look: di
     good = [point for point in points if np.isfinite(point.mean)]
     if not good:
         return
-    ends = np.nan_to_num([[point.mean - point.low for point in good], [point.high - point.mean for point in good]])
+    means = [point.mean for point in good]
+    ends = plotting.whiskers(means, [point.low for point in good], [point.high for point in good])
     places = [values.index(point.value) + aside for point in good]
     bars = {"elinewidth": 0.8, "capsize": 1.6}
-    axis.errorbar(places, [point.mean for point in good], ends, label=good[0].label, **look, **bars)
+    axis.errorbar(places, means, ends, label=good[0].label, **look, **bars)

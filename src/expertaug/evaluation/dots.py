@@ -116,7 +116,7 @@ def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: Mapping, f
                 continue
             dark = tuple(0.75 * channel for channel in colours[method])
             if math.isfinite(mean.low):
-                ends = [[mean.mean - mean.low], [mean.high - mean.mean]]
+                ends = plotting.whiskers([mean.mean], [mean.low], [mean.high])
                 axis.errorbar(mean.mean, y, xerr=ends, color=dark, linewidth=0.9, capsize=1.5, zorder=3)
             mark = _mark(name, dark, panel.titles)
             mark.set_data([mean.mean], [y])

@@ -183,7 +183,7 @@ def _line(axis: Axes, x: np.ndarray, means: Sequence[TabledMean | None], look: M
     """Means with their 95 % intervals as bars; what has no finite value is left out."""
     good = [(place, mean) for place, mean in zip(x, means, strict=True) if mean is not None and mean.n > 0]
     levels = [mean.mean for _, mean in good]
-    spread = np.nan_to_num([[mean.mean - mean.low for _, mean in good], [mean.high - mean.mean for _, mean in good]])
+    spread = plotting.whiskers(levels, [mean.low for _, mean in good], [mean.high for _, mean in good])
     bars = {"elinewidth": 0.8, "capsize": 1.6}
     places = [place for place, _ in good]
     axis.errorbar(places, levels, spread, **look, **bars)

@@ -111,7 +111,7 @@ def _fill(new: Path, results: Path, config: Configuration, command: str) -> None
     for file in _files(config.run):
         if (results / file).exists() and (filmed or file not in RECORDINGS):
             (new / file).parent.mkdir(parents=True, exist_ok=True)
-            _copy(check_inside(results / file, results), new / file)
+            copy(check_inside(results / file, results), new / file)
     own = {*config.run, *([None] if filmed else [])}
     every = costs.of_run(results / "logs")
     measured = {job: cost for job, cost in every.items() if _experiment(job, config.experiments) in own}
@@ -127,7 +127,7 @@ def _fill(new: Path, results: Path, config: Configuration, command: str) -> None
     write_json(new / RECORD, record)
 
 
-def _copy(source: Path, target: Path) -> None:
+def copy(source: Path, target: Path) -> None:
     """Copy a file; a picture with 256 colours, which a figure of lines does with, in a third of the bytes."""
     try:
         with Image.open(source, formats=["PNG"]) as picture:
