@@ -1,0 +1,46 @@
+"""Draw the figures of scores of published runs anew from their tables, by today's code: their numbers stay.
+
+    python benchmarks/redraw.py results/published/default results/published/ten_seeds
+
+Figures whose samples are not published (forecasts, coverage, alarms …) stay as they are; so do those that the run has
+not.  Where its configuration names measurements or recordings, start it where they lie.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+from expertaug.config import load as config
+from expertaug.config import shown_settings
+from expertaug.evaluation import dots
+from expertaug.evaluation.settings import OverviewJob, PlotJob
+from expertaug.runs.publish import copy
+from expertaug.stages import STAGES
+
+DEFAULTS = Path(__file__).parents[1] / "config" / "config.yaml"
+
+
+def redraw(folder: Path) -> list[str]:
+    """Names of the figures that were drawn."""
+    whole = config.completed(config.load([DEFAULTS, folder / "config.yaml"]), STAGES)
+    tables = {name: folder / "tables" / f"{name}_long.csv" for name in whole.run}
+    with tempfile.TemporaryDirectory() as made:
+        new = Path(made)
+        for name, table in tables.items():
+            job = PlotJob.from_mapping(shown_settings.plot(whole, name))
+            dots.log_mse([table], new / f"{name}_log_mse", job)
+            dots.parameter_errors([table], new / f"{name}_parameter_errors", job)
+        dots.overview(list(tables.values()), new, OverviewJob.from_mapping(shown_settings.overview(whole, whole.run)))
+        drawn = [path for path in sorted(new.glob("*.png")) if (folder / "figures" / path.name).exists()]
+        for path in drawn:
+            copy(path, folder / "figures" / path.name)
+    return [path.name for path in drawn]
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folders", type=Path, nargs="+", help="published runs")
+    for one in parser.parse_args().folders:
+        print(f"{one}: {', '.join(redraw(one))}")
