@@ -200,6 +200,30 @@ def test_curves_by_distance(files, tmp_path):
     assert np.allclose(table.query("method == 'a+~flow'")["skill"], 1)
 
 
+def test_curves_have_the_intervals_of_windows_and_seeds(files, tmp_path, drawn):
+    """Windows alike in all but noise: their mean is in the interval, which few windows widen and 0 bounds."""
+    random = np.random.default_rng(3)
+    sets = ("validation", "iid", "test")
+    errors = {f"{name}_errors": np.stack([random.exponential(1e-3, N)] * 2) for name in sets}
+    least = {key: np.full((2, N), 1.0) for key in errors}
+    made = [("b", errors), ("truth", {key: 1e-2 * values for key, values in errors.items()}), ("mean", least)]
+    paths = [fake(tmp_path / f"{name}.npz", name, [0, 1], spoiled=spoiled) for name, spoiled in made]
+    job = CURVES | {"labels": [[name, name] for name, _ in made], "floor": "truth", "mean": "mean"}
+    outputs = [tmp_path / f"curves.{end}" for end in ("csv", "md", "png")]
+    distance(paths, outputs, WindowStudyJob.from_mapping(job))
+    table = pd.read_csv(outputs[0]).query("method == 'b'")
+    width = table["log_mse_high"] - table["log_mse_low"]
+    assert table["log_mse_low"].lt(np.log(1e-3)).all() and table["log_mse_high"].gt(np.log(1e-3)).all()
+    assert width.iloc[0] < width.iloc[1:].min(), "400 windows within the range, about 67 in a bin beyond"
+    # The floor's errors are a hundredth of the same windows': what they share is no spread of the skill.
+    skill = np.log(1e3) / np.log(1e5)
+    assert table["skill_low"].lt(skill).all() and table["skill_high"].gt(skill).all()
+    assert (table["skill_high"] - table["skill_low"]).lt(0.6 * width / np.log(1e5)).all()
+    assert table["alarms_low"].ge(0).all() and table["alarms_high"].le(100).all()
+    assert f"{table['log_mse'].iloc[0]:.2f} [".replace("-", "−") in outputs[1].read_text(encoding="utf-8")
+    assert drawn[0].axes[0].collections, "a band"
+
+
 def test_curves_have_seven_lines_with_the_true_equation(tmp_path, drawn):
     names = [*(f"m{k}" for k in range(9)), "truth"]
     files = [fake(tmp_path / f"{name}.npz", name, [0, 1]) for name in names]
@@ -239,7 +263,7 @@ def test_curves_by_the_distance_of_z_a_too(tmp_path):
     assert curve["distance"].iloc[0] == 0 and curve["log_mse"].iloc[-1] > curve["log_mse"].iloc[0] + 3
     np.testing.assert_allclose(curve["log_mse"].iloc[1:], np.log(1e-3) + 4 * curve["distance"].iloc[1:], atol=0.2)
     assert (table["of"] == "z_e").sum() == 7
-    assert "distance of z_a" in outputs[1].read_text(encoding="utf-8")
+    assert "*z_a within the range (" in outputs[1].read_text(encoding="utf-8")
 
 
 def test_distance_is_in_widths_of_the_range_the_largest_over_parameters():

@@ -14,6 +14,7 @@ from matplotlib.ticker import StrMethodFormatter
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.alarms import KNOWN
+from expertaug.evaluation.intervals import Interval, Resampled, interval, log_mean, mean, units_of
 from expertaug.evaluation.settings import WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import VersionWindows, WindowSet, read_windows
@@ -32,14 +33,36 @@ CAPTION = (
     "whose z_e lies within. Bins of equal numbers of windows, their medians. log-MSE: natural logarithm of the mean "
     "squared error of the forecast. Skill: 1 at the floor (the equation that made the data, fitted to each window), 0 "
     "at the mean of the training set, on the scale of log-MSE. Alarms: windows whose misfit is above the 95 % "
-    "threshold of the validation set. Means over seeds."
+    "threshold of the validation set. Means over seeds, and their 95 % intervals over seeds and windows."
 )
 METRICS = {
-    "log_mse": "log-MSE",
-    "parameter_error": "parameter error [%]",
-    "alarms": "alarms [%]",
-    "skill": "skill",
-}
+    "log_mse": ("log-MSE", 2),
+    "parameter_error": ("parameter error [%]", 1),
+    "alarms": ("alarms [%]", 1),
+    "skill": ("skill", 2),
+}  # of each its title and digits
+
+
+@dataclass(frozen=True)
+class Mean:
+    """A mean over seeds with the ends of its 95 % interval, NaN where nothing is known of it."""
+
+    value: float = np.nan
+    low: float = np.nan
+    high: float = np.nan
+
+    @classmethod
+    def of(cls, known: Interval, most: float = np.inf) -> Mean:
+        """``most``: what no value exceeds."""
+        return cls(known.mean, float(np.minimum(known.low, most)), float(np.minimum(known.high, most)))
+
+    def text(self, digits: int) -> str:
+        """As it is printed; – where it is not known."""
+        if not np.isfinite(self.value):
+            return DASH
+        shown = [f"{round(each, digits) + 0.0:.{digits}f}" for each in (self.value, self.low, self.high)]
+        ends = f" [{shown[1]}, {shown[2]}]" if np.isfinite(self.low) else ""
+        return (shown[0] + ends).replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -58,13 +81,31 @@ class Bin:
 
     distance: float
     windows: int
-    log_mse: float
-    parameter_error: float
-    alarms: float
-    skill: float
+    log_mse: Mean
+    parameter_error: Mean
+    alarms: Mean
+    skill: Mean
     of: str
     method: str
     label: str
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """Bins of a version by their distance, and the log-MSE of each as resampled, which skill is made of."""
+
+    bins: list[Bin]
+    log_mse: list[Resampled]
+
+    def __add__(self, other: _Curve) -> _Curve:
+        return _Curve(self.bins + other.bins, self.log_mse + other.log_mse)
+
+    def with_skill(self, floor: _Curve, least: _Curve) -> list[Bin]:
+        """The bins with their skill from ``least`` (0) to ``floor`` (1), where these have the same bins."""
+        if not len(floor.bins) == len(least.bins) == len(self.bins):
+            return self.bins
+        scales = zip(self.bins, self.log_mse, floor.log_mse, least.log_mse, strict=True)
+        return [replace(bin_, skill=Mean.of(interval(_skill(*errors)))) for bin_, *errors in scales]
 
 
 def distance(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
@@ -84,17 +125,11 @@ def distance(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStud
     curved = [v for v in labels if v in versions]
     if not curved:
         raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
-    scale = (job.floor, job.mean)
-    floors, means = ([] if v not in versions else _curves(versions[v], v, "", job) for v in scale)
-    bins: list[Bin] = []
-    for v in curved:
-        curve = _curves(versions[v], v, labels[v], job)
-        if len(floors) == len(means) == len(curve):
-            floor, mean, own = (np.array([bin_.log_mse for bin_ in each]) for each in (floors, means, curve))
-            with np.errstate(divide="ignore", invalid="ignore"):
-                skills = ((mean - own) / (mean - floor)).tolist()
-            curve = [replace(bin_, skill=skill) for bin_, skill in zip(curve, skills, strict=True)]
-        bins += curve
+    nothing = _Curve([], [])
+    floor, least = (
+        _curves(versions[v], v, "", job) if v is not None and v in versions else nothing for v in (job.floor, job.mean)
+    )
+    bins = [bin_ for v in curved for bin_ in _curves(versions[v], v, labels[v], job).with_skill(floor, least)]
     title = f"{job.of_experiment(versions[curved[0]].experiment)}: distance from the training range"
     Study(frame(Bin, bins), [_table(bins, title)], lambda: _draw(bins, job, title)).save(outputs)
 
@@ -111,21 +146,21 @@ def beyond(z_e: np.ndarray, parameters: Sequence[str], ranges: Mapping[str, Sequ
     return np.max(each, axis=0)
 
 
-def _curves(version: VersionWindows, method: str, label: str, job: WindowStudyJob) -> list[Bin]:
+def _curves(version: VersionWindows, method: str, label: str, job: WindowStudyJob) -> _Curve:
     """The bins of z_e's distance and, where windows are shifted in it, of z_a's."""
     shifted = [name for name in version.sets if name not in ("train", "validation" if "iid" in version.sets else "")]
     main = [version.sets[name] for name in version.judged]
     known = {**job.interaction_range, **job.training_range}  # what one expert knows another leaves to F_a
     away = [beyond(s.z_e, version.parameters, known) for s in main]
-    bins = _curve(version, ("z_e", method, label), main, away)
+    curve = _curve(version, ("z_e", method, label), main, away)
     ranges = job.interaction_range
     sets = [version.sets[name] for name in shifted if version.sets[name].z_a is not None]
     if set(version.interaction) == set(ranges) and ranges and sets:
         inside = [beyond(s.z_e, version.parameters, known) == 0 for s in sets]
         away = [beyond(s.z_a, version.interaction, ranges) for s in sets if s.z_a is not None]
         if any((far[here] > 0).any() for far, here in zip(away, inside, strict=True)):
-            bins += _curve(version, ("z_a", method, label), sets, away, inside)
-    return bins
+            curve += _curve(version, ("z_a", method, label), sets, away, inside)
+    return curve
 
 
 def _curve(
@@ -134,7 +169,7 @@ def _curve(
     sets: Sequence[WindowSet],
     distances: Sequence[np.ndarray],
     inside: Sequence[np.ndarray] | None = None,
-) -> list[Bin]:
+) -> _Curve:
     """Bins of some sets' windows by their distances (N,), of those alone that are ``inside`` (N,); ``whose``: of what,
     method and label."""
     taken = np.concatenate(inside) if inside is not None else np.full(sum(map(len, distances)), True)
@@ -150,34 +185,37 @@ def _curve(
     if all(s.z_e_hat is not None for s in sets):
         hat = np.concatenate([s.z_e_hat for s in sets], axis=1)[:, taken]  # type: ignore[misc]
         relative = 100 * np.abs((hat - z_e) / z_e).mean(2)
-    bins = []
+    curve = _Curve([], [])
     for k in np.unique(place):
         here = place == k
-        log_mse = float(np.log(errors[:, here].mean(1)).mean())
-        parameter_error = np.nan if relative is None else float(relative[:, here].mean())
-        alarms = float(100 * (misfit[:, here] > limits).mean())
-        numbers = float(np.median(away[here])), int(here.sum()), log_mse, parameter_error, alarms, np.nan
-        bins.append(Bin(*numbers, *whose))
-    return bins
+        unit = units_of(None, int(here.sum()))  # simulated windows: nobody else knows their true z_e
+        log_mse = log_mean(errors[:, here], unit)
+        off = Mean() if relative is None else Mean.of(interval(mean(relative[:, here], unit), not_negative=True))
+        alarms = mean(100.0 * (misfit[:, here] > limits), unit)
+        known = Mean.of(interval(log_mse)), off, Mean.of(interval(alarms, not_negative=True), 100.0), Mean()
+        curve += _Curve([Bin(float(np.median(away[here])), len(unit), *known, *whose)], [log_mse])
+    return curve
+
+
+def _skill(own: Resampled, floor: Resampled, least: Resampled) -> Resampled:
+    """Of every seed, and of each resample of the windows, which are the same of all three."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value = (least.value.mean() - own.value) / (least.value.mean() - floor.value.mean())
+        base, best = (each.drawn.mean(1, keepdims=True) for each in (least, floor))
+        return Resampled(value, (base - own.drawn) / (base - best), own.units)
 
 
 def _table(bins: Sequence[Bin], title: str) -> Table:
-    """A row for each version, distance and metric, a column for each bin; a row of the distances above each block."""
-    most = max(map(len, grouped(bins, lambda bin_: (bin_.label, bin_.of)).values()))
-    header, rows = ["method", "", *(["within"] + [f"bin {k}" for k in range(1, most)])], []
-    for of, block in grouped(bins, lambda bin_: bin_.of).items():
-        distances = list(dict.fromkeys(bin_.distance for bin_ in block))
-        blank = [""] * (most - len(distances))
-        rows.append([f"distance of {of}", "", *("0" if d == 0 else f"{d:.2f}" for d in distances), *blank])
-        for label, part in grouped(block, lambda bin_: bin_.label).items():
-            for metric, quantity in METRICS.items():
-                at = {bin_.distance: getattr(bin_, metric) for bin_ in part}
-                values = [at.get(d, np.nan) for d in distances]
-                if np.isfinite(values).any():
-                    digits = 1 if metric in ("parameter_error", "alarms") else 2
-                    texts = [f"{v:.{digits}f}" if np.isfinite(v) else DASH for v in values]
-                    rows.append([label, quantity, *texts, *blank])
-    return Table(header, [("", rows)], 2, (), title, CAPTION, "distance")
+    """A part for each bin, a row for each version, a column for each metric."""
+    parts = []
+    for (of, distance_), part in grouped(bins, lambda bin_: (bin_.of, bin_.distance)).items():
+        where = "within the range" if distance_ == 0 else f"{distance_:.2f} widths beyond it"
+        rows = [
+            [bin_.label, *(getattr(bin_, metric).text(digits) for metric, (_, digits) in METRICS.items())]
+            for bin_ in part
+        ]
+        parts.append((f"{of} {where} ({part[0].windows} windows)", rows))
+    return Table(["method", *(name for name, _ in METRICS.values())], parts, 1, (), title, CAPTION, "distance")
 
 
 def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
@@ -195,13 +233,13 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
         panels = [axes.flat] if len(shifted) == 1 else list(axes.T)
         for of, column in zip(shifted, panels, strict=True):
             block = grouped((bin_ for bin_ in bins if bin_.of == of), lambda bin_: bin_.method)
-            for axis, (metric, name) in zip(column, METRICS.items(), strict=True):
+            for axis, (metric, (name, _)) in zip(column, METRICS.items(), strict=True):
                 for v in chosen if metric == "skill" else drawn:  # the floor's skill is 1
                     _line(axis, block.get(v, []), metric, plotting.look(v, colours))
                 axis.set_ylabel(name)
                 axis.grid(alpha=0.4)
-                shown = [getattr(bin_, metric) for v in chosen for bin_ in block.get(v, [])]
-                _scale(axis, metric, shown, [getattr(bin_, metric) for bin_ in block.get(floor, [])])
+                shown = [getattr(bin_, metric).value for v in chosen for bin_ in block.get(v, [])]
+                _scale(axis, metric, shown, [getattr(bin_, metric).value for bin_ in block.get(floor, [])])
         for axis in axes[-1]:
             of = shifted[0] if len(shifted) == 1 else shifted[list(axes[-1]).index(axis)]
             axis.set_xlabel(f"{plotting.text(of)} beyond the training range [its widths]")
@@ -246,7 +284,10 @@ def _plain(value: float) -> str:
 
 
 def _line(axis: Axes, curve: Sequence[Bin], metric: str, look: Mapping) -> None:
-    good = [bin_ for bin_ in curve if np.isfinite(getattr(bin_, metric))]
+    good = [(bin_.distance, getattr(bin_, metric)) for bin_ in curve if np.isfinite(getattr(bin_, metric).value)]
     if good:
-        levels = [getattr(bin_, metric) for bin_ in good]
-        axis.plot([bin_.distance for bin_ in good], levels, linewidth=1.2, label=curve[0].label, **look)
+        places, means = zip(*good, strict=True)
+        axis.plot(places, [each.value for each in means], linewidth=1.2, label=curve[0].label, **look)
+        axis.fill_between(
+            places, [each.low for each in means], [each.high for each in means], color=look["color"], alpha=0.15, lw=0
+        )
