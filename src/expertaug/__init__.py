@@ -33,6 +33,8 @@ _EXPORTS = {
     "HybridModel": "expertaug.models.hybrid:HybridModel",
     "HybridVAE": "expertaug.learning.hvae:HybridVAE",
     "InputError": "expertaug.errors:InputError",
+    "Lorenz": "expertaug.systems.lorenz:Lorenz",
+    "LotkaVolterra": "expertaug.systems.lotka_volterra:LotkaVolterra",
     "MLPInteraction": "expertaug.models.interactions.mlp:MLPInteraction",
     "MLPTwoStep": "expertaug.models.encoders.two_step:MLPTwoStep",
     "MomentEncoder": "expertaug.models.encoders.fields:MomentEncoder",

@@ -49,6 +49,8 @@ from expertaug.systems.base import System as System
 from expertaug.systems.bouncing_ball import BouncingBall as BouncingBall
 from expertaug.systems.double_pendulum import DoublePendulum as DoublePendulum
 from expertaug.systems.driven_pendulum import DrivenPendulum as DrivenPendulum
+from expertaug.systems.lorenz import Lorenz as Lorenz
+from expertaug.systems.lotka_volterra import LotkaVolterra as LotkaVolterra
 from expertaug.systems.pendulum import DampedPendulum as DampedPendulum
 from expertaug.systems.reaction_diffusion import ReactionDiffusion as ReactionDiffusion
 from expertaug.systems.rlc import RLC as RLC
@@ -78,6 +80,8 @@ __all__ = [
     "HybridModel",
     "HybridVAE",
     "InputError",
+    "Lorenz",
+    "LotkaVolterra",
     "MLPInteraction",
     "MLPTwoStep",
     "MomentEncoder",

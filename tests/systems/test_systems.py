@@ -32,7 +32,7 @@ def pendulum_data(size=50, noise=0.0, alpha=(0.0, 0.6), omega0=(1.5, 3.1)):
 def test_units_of_parameters_are_the_systems_own(name):
     given = {"constants": {"B1": 0.1, "G1": 69.0, "B2": 1.3, "G2": 93.0}} if name == "double_pendulum" else {}
     system = systems.load({"name": name} | given)
-    parameters = (*system.expert_parameters, *system.interaction_parameters)
+    parameters = (*system.expert_parameters, *system.interaction_parameters, *system.input_parameters)
     assert {p.name: p.unit for p in parameters if p.unit} == SYSTEMS[name].UNITS
 
 
@@ -52,6 +52,27 @@ def test_a_pendulum_may_start_anywhere_at_a_distance_from_rest():
     for bad in ([1.0], [2.0, 1.0], [0.0, 9.0]):
         with pytest.raises(InputError, match="start_radius"):
             systems.load({"name": "pendulum", "start_radius": bad})
+
+
+def test_a_hidden_torque_moves_the_driven_pendulum_as_a_known_one_does():
+    known, hidden = (systems.load({"name": "driven_pendulum", "torque": torque}) for torque in ("known", "hidden"))
+    assert [p.name for p in hidden.interaction_parameters] == ["gamma", "A", "f"] and not hidden.inputs
+    t = torch.tensor(0.3, dtype=torch.float64)
+    y = torch.tensor([[0.4, -0.2], [1.0, 0.5]], dtype=torch.float64)
+    z_e, z_a = y.new_tensor([[2.0], [1.5]]), y.new_tensor([[0.3, 5.0, 0.7], [0.1, 20.0, 1.1]])
+    torque = z_a[:, 1:2] * torch.cos(2 * math.pi * z_a[:, 2:] * t)
+    told = known.truth(t, y, z_e, z_a[:, :1], torque)
+    torch.testing.assert_close(hidden.truth(t, y, z_e, z_a), told)
+    torch.testing.assert_close(hidden.expert(t, y, z_e), known.expert(t, y, z_e, torch.zeros(2, 1, dtype=y.dtype)))
+
+
+@pytest.mark.parametrize("name", ["pendulum", "driven_pendulum"])
+def test_a_pendulum_of_which_the_angle_is_seen_has_its_errors_alone(name):
+    y = torch.rand(4, 2, generator=torch.Generator().manual_seed(0))
+    assert torch.equal(systems.load({"name": name, "observed": "angle"}).observe(y), y[:, :1])
+    assert torch.equal(systems.load({"name": name}).observe(y), y)
+    with pytest.raises(InputError, match=r"system\.observed"):
+        systems.load({"name": name, "observed": "speed"})
 
 
 def test_a_pendulum_whose_friction_is_the_experts_moves_as_the_other():

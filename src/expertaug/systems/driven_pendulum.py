@@ -1,4 +1,4 @@
-"""The driven, damped pendulum: θ'' = ω0² (u(t) − sin θ) − γ θ', with a known torque u (Takeishi and Kalousis 2021)."""
+"""The driven, damped pendulum: θ'' = ω0² (u(t) − sin θ) − γ θ', with a torque u (Takeishi and Kalousis 2021)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ import math
 import torch
 from torch import Tensor
 
+from expertaug.errors import InputError
 from expertaug.systems.base import Parameter, System
+
+TORQUES, OBSERVED = ("known", "hidden"), ("all", "angle")
 
 
 class DrivenPendulum(System):
@@ -15,6 +18,10 @@ class DrivenPendulum(System):
 
     The torque u is in units of m g l.  A simulated one is A cos(2π f t) at the times of the data, and a straight line
     between them, as a measured one would be.
+
+    Arguments:
+        torque: known, or hidden: it is the interaction's then, z_a = (γ, A, f), and A cos(2π f t) at every time.
+        observed: all, or angle: errors are then those of θ alone.
     """
 
     state = (Parameter("theta", "rad"), Parameter("omega", "rad/s"))
@@ -23,15 +30,32 @@ class DrivenPendulum(System):
     inputs = (Parameter("torque", positive=False, scale=20.0),)
     input_parameters = (Parameter("A"), Parameter("f", "Hz"))
 
-    def expert(self, t: Tensor, y: Tensor, z_e: Tensor, u: Tensor) -> Tensor:
-        theta, speed = y[..., :1], y[..., 1:]
-        return torch.cat((speed, z_e.square() * (u - torch.sin(theta))), dim=-1)
+    def __init__(self, torque: str = "known", observed: str = "all") -> None:
+        for name, value, choices in (("torque", torque, TORQUES), ("observed", observed, OBSERVED)):
+            if value not in choices:
+                raise InputError(f"system.{name}", repr(value), f"one of {', '.join(choices)}")
+        self.hidden, self.observed = torque == "hidden", observed
+        if self.hidden:
+            self.interaction_parameters = (*type(self).interaction_parameters, *type(self).input_parameters)
+            self.inputs = self.input_parameters = ()
 
-    def truth(self, t: Tensor, y: Tensor, z_e: Tensor, z_a: Tensor, u: Tensor) -> Tensor:
-        damping = torch.cat((torch.zeros_like(z_a), -z_a * y[..., 1:]), dim=-1)
-        return self.expert(t, y, z_e, u) + damping
+    def expert(self, t: Tensor, y: Tensor, z_e: Tensor, *u: Tensor) -> Tensor:
+        theta, speed = y[..., :1], y[..., 1:]
+        torque = 0.0 if self.hidden else u[0]
+        return torch.cat((speed, z_e.square() * (torque - torch.sin(theta))), dim=-1)
+
+    def truth(self, t: Tensor, y: Tensor, z_e: Tensor, z_a: Tensor, *u: Tensor) -> Tensor:
+        missing = -z_a[..., :1] * y[..., 1:]
+        if self.hidden:
+            missing = missing + z_e.square() * z_a[..., 1:2] * torch.cos(2 * math.pi * z_a[..., 2:] * t)
+        return self.expert(t, y, z_e, *u) + torch.cat((torch.zeros_like(missing), missing), dim=-1)
+
+    def observe(self, y: Tensor) -> Tensor:
+        return y[..., :1] if self.observed == "angle" else y
 
     def input_signal(self, t: Tensor, parameters: Tensor) -> Tensor:
+        if self.hidden:
+            return super().input_signal(t, parameters)
         amplitude, frequency = parameters.unsqueeze(1).unbind(-1)
         return (amplitude * torch.cos(2 * math.pi * frequency * t)).unsqueeze(-1)
 

@@ -12,7 +12,7 @@ from expertaug.errors import InputError
 from expertaug.systems.base import Parameter, System
 from expertaug.wording import show
 
-FRICTIONS = (None, "estimated")
+FRICTIONS, OBSERVED = (None, "estimated"), ("all", "angle")
 
 
 class DampedPendulum(System):
@@ -22,6 +22,7 @@ class DampedPendulum(System):
         friction: estimated: the expert knows the damping as well, z_e = (ω0, α), and leaves nothing to an interaction.
         start_radius: simulations start anywhere in (θ, θ′) at a distance from rest in this range (Yin et al. 2021,
             their code); None: at rest, as in the paper's appendix.
+        observed: all, or angle: errors are then those of θ alone.
     """
 
     state = (Parameter("theta", "rad"), Parameter("omega", "rad/s"))
@@ -29,14 +30,18 @@ class DampedPendulum(System):
     interaction_parameters = (Parameter("alpha", "1/s"),)
     rubs = False
 
-    def __init__(self, friction: str | None = None, start_radius: Sequence[float] | None = None) -> None:
+    def __init__(
+        self, friction: str | None = None, start_radius: Sequence[float] | None = None, observed: str = "all"
+    ) -> None:
         self.start_radius = start_radius
         if start_radius is not None and not (len(start_radius) == 2 and 0 <= start_radius[0] <= start_radius[1] < 7):
             found = show(list(start_radius))
             raise InputError("system.start_radius", found, "give [low, high] with 0 ≤ low ≤ high < 7")
         if friction not in FRICTIONS:
             raise InputError("system.friction", repr(friction), "estimated, or null")
-        self.rubs = friction is not None
+        if observed not in OBSERVED:
+            raise InputError("system.observed", repr(observed), f"one of {', '.join(OBSERVED)}")
+        self.rubs, self.observed = friction is not None, observed
         if self.rubs:
             self.expert_parameters = (*type(self).expert_parameters, *type(self).interaction_parameters)
             self.interaction_parameters = ()
@@ -55,6 +60,9 @@ class DampedPendulum(System):
             return self.expert(t, y, z_e)
         damping = torch.cat((torch.zeros_like(z_a), -z_a * y[..., 1:]), dim=-1)
         return self.expert(t, y, z_e) + damping
+
+    def observe(self, y: Tensor) -> Tensor:
+        return y[..., :1] if self.observed == "angle" else y
 
     def sample_initial_state(self, n: int, generator: torch.Generator) -> Tensor:
         """θ0 uniform in [−π/2, π/2], at rest (paper, appendix), or as ``start_radius`` says: the direction is that of a

@@ -131,6 +131,7 @@ class PendulumSettings(SystemSettings):
         "range of the distance from rest, in (theta, omega), at which simulations start in any direction; null = at "
         "rest within a quarter of a turn",
     )
+    observed: Literal["all", "angle"] = key("all", "which components' errors count")
 
     @property
     def expert_names(self) -> tuple[str, ...]:
@@ -147,17 +148,47 @@ class DrivenPendulumSettings(SystemSettings):
     STATE = ("theta", "omega")
     EXPERT = ("omega0",)
     INTERACTION = ("gamma",)
-    UNITS: ClassVar[dict[str, str]] = {"omega0": "rad/s", "gamma": "1/s"}
+    DRAWN: ClassVar[tuple[str, ...]] = ("A", "f")
+    UNITS: ClassVar[dict[str, str]] = {"omega0": "rad/s", "gamma": "1/s", "f": "Hz"}
 
     name: Literal["driven_pendulum"] = key("driven_pendulum", "the driven, damped pendulum")
+    torque: Literal["known", "hidden"] = key(
+        "known", "known = a known input of each trajectory; hidden = what F_a has to learn, with its A and f in z_a"
+    )
+    observed: Literal["all", "angle"] = key("all", "which components' errors count")
+
+    @property
+    def interaction_names(self) -> tuple[str, ...]:
+        return self.INTERACTION if self.torque == "known" else (*self.INTERACTION, *self.DRAWN)
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        return ("torque",)
+        return ("torque",) if self.torque == "known" else ()
 
     @property
     def drawn(self) -> tuple[str, ...]:
-        return ("A", "f")
+        return self.DRAWN if self.torque == "known" else ()
+
+
+class LorenzSettings(SystemSettings):
+    """Lorenz's system."""
+
+    STATE = ("x", "y", "z")
+    EXPERT = ("sigma", "beta")
+    INTERACTION = ("rho",)
+
+    name: Literal["lorenz"] = key("lorenz", "Lorenz's system of convection")
+
+
+class LotkaVolterraSettings(SystemSettings):
+    """Predators and prey."""
+
+    STATE = ("u", "v")
+    EXPERT = ("a", "c")
+    INTERACTION = ("b", "d")
+    UNITS: ClassVar[dict[str, str]] = {"a": "1/s", "b": "1/s", "c": "1/s", "d": "1/s"}
+
+    name: Literal["lotka_volterra"] = key("lotka_volterra", "predators and prey")
 
 
 class BouncingBallSettings(SystemSettings):
