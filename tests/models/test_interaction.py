@@ -89,3 +89,17 @@ def test_what_the_interaction_does_not_read_changes_nothing(kind, name, reads, u
         assert torch.equal(interaction(moved, context), rates) == same
     with pytest.raises(InputError, match=r"model\.interaction\.reads: 'Q'; components of the state: "):
         kind(system, 1, reads=["Q"])
+
+
+def test_harmonics_of_the_window_stand_for_the_time():
+    """F_a is then periodic in the time, and knows where in the window it is."""
+    system, times = systems.load({"name": "rlc"}), torch.linspace(0, 2.0, 5)
+    torch.manual_seed(0)
+    interaction = MLPInteraction(system, 1, times=times, layers=(8,), time=True, harmonics=3)
+    assert interaction.state_layer.weight.shape[0] == 2 + 2 * 3
+    y, context = torch.rand(5, 2), interaction.context(torch.randn(5, 1), torch.ones(5, 2))
+    rates = {t: interaction(y, context, torch.full((5, 1), t)) for t in (0.3, 2.3, 1.3)}
+    torch.testing.assert_close(rates[0.3], rates[2.3])
+    assert (rates[0.3] - rates[1.3]).abs().max() > 1e-3
+    with pytest.raises(InputError, match="time: true"):
+        MLPInteraction(system, 1, times=times, harmonics=3)

@@ -68,6 +68,7 @@ WORST = 0.1  # share of the training windows that are started anew at each valid
 SUPPORTING = 200  # training windows, at most, whose estimates say where F_a was learned
 CHI2_MEDIAN = 0.4549  # of one degree of freedom
 WIDTH = 1.0  # standard deviation of z_a's prior in training
+LEAST_RATE = 0.3  # of the data's own, below which the expert's are no measure of F_a's size
 STEPS = 10  # of Levenberg and Marquardt, at most, where windows are started anew and in a validation
 
 
@@ -146,6 +147,15 @@ class Alternation:
         z_e, system = self.fit.parts(x, self.fit.first(windows))[0], self.fit.system
         states = self.model.state_of(self.fit.states(x, windows))
         self.rates = expert_sizes(system, states, z_e, self.fit.t, inputs_of(system, windows))
+        # An expert that without F_a had better not move at all says nothing of how large a rate is.
+        self.rates = torch.maximum(self.rates, LEAST_RATE * self._slopes())
+
+    def _slopes(self) -> Tensor:
+        """Root mean square slope of each component of the training windows (*observed's first, then zeros), (K,)."""
+        steps = self.fit.t.diff().view(-1, *[1] * (self.train.dim() - 1))
+        slopes = (states_of(self.fit.system, self.train).diff(dim=0) / steps).square()
+        axes = [axis for axis in range(slopes.dim()) if axis != 3]
+        return slopes.nan_to_num(0.0).mean(axes).sqrt()
 
     def _hold(self) -> None:
         if self.held is not None:

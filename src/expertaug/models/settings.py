@@ -225,7 +225,20 @@ class MLPSettings(InteractionSettings):
     reads: Names | None = key(None, "components that F_a sees; null = all")
     inputs: bool = key(False, "whether F_a sees the system's known inputs")
     time: bool = key(False, "whether F_a sees the time")
+    harmonics: int = key(
+        0,
+        "how many harmonics of the observed window F_a sees in place of the time, sine and cosine of each, where a "
+        "drive that nobody measured is periodic; 0 = the time itself",
+        ge=0,
+        le=256,
+    )
     start: Positive = key(1.0, START)
+
+    @model_validator(mode="after")
+    def _harmonics_of_the_time(self) -> Self:
+        if self.harmonics and not self.time:
+            raise disagree(f"found {self.harmonics}", "set time: true beside it, or leave it out", "harmonics")
+        return self
 
 
 class ConvInteractionSettings(InteractionSettings):

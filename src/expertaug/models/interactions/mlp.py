@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import torch
@@ -21,7 +22,7 @@ class MLPInteraction(Interaction):
 
     The part of the first layer that reads z_a is constant along a trajectory: :meth:`context` computes it once.  A
     component that it does not see is zero; known inputs are divided by their scales, the time by the end of the
-    observed window.
+    observed window, of which sines and cosines have a whole number of periods.
 
     Arguments:
         latent: size of z_a.
@@ -42,7 +43,9 @@ class MLPInteraction(Interaction):
             self.units.append(1.0 if times is None else max(float(times[-1]), 1e-12))
         self.system = system
         self.mask = [float(k in self.sees) for k in range(len(system.state))]
-        features = feature_count(system, "model.interaction.kind") + len(self.units)
+        self.orders = [float(order) for order in range(1, own.harmonics + 1)]
+        told = len(self.units) + (2 * len(self.orders) - 1 if self.orders else 0)
+        features = feature_count(system, "model.interaction.kind") + told
         self.state_layer = Linear(features, own.layers[0], bias=False)
         self.latent_layer = Linear(self.inputs, own.layers[0])
         self.rest = MLP(own.layers[0], own.layers[1:], len(self.acts_on), own.activation)
@@ -58,6 +61,10 @@ class MLPInteraction(Interaction):
         seen = y if all(self.mask) else y * constant_like(y, self.mask, y.dtype)
         features = self.system.features(seen)
         if known is not None:
-            features = torch.cat((features, known / constant_like(known, self.units, known.dtype)), dim=-1)
+            told = known / constant_like(known, self.units, known.dtype)
+            if self.orders:
+                phases = 2 * math.pi * told[..., -1:] * constant_like(told, self.orders, told.dtype)
+                told = torch.cat((told[..., :-1], torch.sin(phases), torch.cos(phases)), dim=-1)
+            features = torch.cat((features, told), dim=-1)
         hidden = affine(features, self.state_layer.weight, context)
         return self.placed(self.rest(self.rest.activation(hidden)), y)
