@@ -115,7 +115,7 @@ def validate(config: Located | dict[str, Any], stages: Collection[str] = ()) -> 
         if experiment is not None:
             complete[name] = experiment
     errors += checks.check_data_curves(complete, common.run)
-    errors += _of_the_run(common.run, wrong_in, {name: block.get("based_on") for name, block in experiments.items()})
+    errors += _of_the_run(common.run, wrong_in, {name: block.get("based_on") for name, block in sound.items()})
     whole = Configuration.model_construct(**dict(common), experiments=complete)
     if not errors:
         errors += wrong_recordings(whole)
