@@ -10,7 +10,7 @@ from __future__ import annotations
 import types
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeAlias, TypeVar, Union, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -18,6 +18,7 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    JsonValue,
     Tag,
     ValidationError,
     model_serializer,
@@ -29,6 +30,7 @@ from expertaug import wording
 from expertaug.errors import InputError, InputErrors
 
 T = TypeVar("T", bound="Settings")
+Raw: TypeAlias = Mapping[str, JsonValue]  # what a JSON or YAML file holds, not yet checked
 MANY = 2**31 - 1  # what counts something is at most this
 LARGEST = 3.4028235e38  # of float32
 

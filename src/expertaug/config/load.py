@@ -17,7 +17,7 @@ from expertaug.config.models import Common, Configuration, Experiment
 from expertaug.config.sources import wrong_recordings
 from expertaug.config.yaml_file import Located, read
 from expertaug.errors import InputError, InputErrors
-from expertaug.settings import check
+from expertaug.settings import Raw, check
 from expertaug.source_files import project
 from expertaug.wording import show, unknown
 
@@ -124,17 +124,17 @@ def validate(config: Located | dict[str, Any], stages: Collection[str] = ()) -> 
     return whole
 
 
-def _of_single_keys(raw: dict[str, Any]) -> list[InputError]:
+def _of_single_keys(raw: Raw) -> list[InputError]:
     """What is wrong with what a file says, wherever it says it; what is missing may be inherited."""
     errors = check(Configuration, raw, "", whole=False)
     wrong = {error.where for error in errors}
     errors += [error for error in checks.check_texts(raw) if error.where not in wrong]
-    if isinstance(raw.get("results"), str):
-        errors += checks.check_results(_folder(raw["results"]))
+    if isinstance(results := raw.get("results"), str):
+        errors += checks.check_results(_folder(results))
     return errors
 
 
-def _common(raw: dict[str, Any], broken: set[str], errors: list[InputError]) -> Common:
+def _common(raw: Raw, broken: set[str], errors: list[InputError]) -> Common:
     """Everything but the experiments, completed; of what is broken the default, where there is one.
 
     Raises:
@@ -163,7 +163,7 @@ def _folder(results: str) -> str:
         return results
 
 
-def _experiment(where: str, block: dict[str, Any], common: Common) -> tuple[Experiment | None, list[InputError]]:
+def _experiment(where: str, block: Raw, common: Common) -> tuple[Experiment | None, list[InputError]]:
     """An experiment with defaults and all choices, None where it is wrong, and what is wrong with it."""
     errors = check(Experiment, block, where)
     if errors:

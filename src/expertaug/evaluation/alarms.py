@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -28,13 +29,14 @@ SCORES = {
     "spread": "spread of seeds",
     "density": "density of estimates",
 }
-LOOKS = {
+LOOKS: dict[str, plotting.Look] = {
     score: {"color": plotting.HUES[hue], "marker": marker, "markersize": 4, "linestyle": ""}
     for score, hue, marker in (("misfit", 5, "o"), ("expected", 6, "s"), ("spread", 7, "^"), ("density", 2, "D"))
 }
 CHANCE = {"color": "0.35", "linewidth": 0.9, "linestyle": ":"}
 FEWEST = 5  # windows that fail, and that do not, by which a score is judged in the figure
 UNJUDGED = f"No score can be judged: fewer than {FEWEST} test windows fail with every version, or all but so many."
+Assessed: TypeAlias = Mapping[tuple[str, str, int], Assessment]  # by set, score and seed
 ROW, APART = 0.42, 0.17  # inches of a version's row; distance of two scores, in rows
 CAPTION = (
     f"Failing: forecasts whose squared error is above the {100 * FAILING:.0f} % quantile of the validation set's. "
@@ -100,7 +102,7 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJo
     Study(frame(Alarm, rows), [table], lambda: _draw(assessed, labels, job, title)).save(outputs)
 
 
-def _draw(assessed: Mapping[str, Mapping], labels: Mapping[str, str], job: WindowStudyJob, title: str) -> Figure:
+def _draw(assessed: Mapping[str, Assessed], labels: Mapping[str, str], job: WindowStudyJob, title: str) -> Figure:
     """AUROC with its interval, and the share caught, of every version and score of the test set that can be judged."""
     worth = {v: found for v, sets in assessed.items() if v != job.floor and (found := _judged(sets))}
     shown = [v for v in worth if v in sorted(worth, key=lambda v: v not in job.traced)[:LINES]]
@@ -146,7 +148,7 @@ class _Worth:
     fails: str
 
 
-def _judged(sets: Mapping[tuple[str, str, int], Assessment]) -> dict[str, _Worth]:
+def _judged(sets: Assessed) -> dict[str, _Worth]:
     """By score; without those that are constant, or where too few windows fail, or too few do not."""
     found = {}
     for score in SCORES:

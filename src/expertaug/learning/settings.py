@@ -26,6 +26,7 @@ from expertaug.settings import (
     Positive,
     Prior,
     Range,
+    Raw,
     Seeds,
     Settings,
     Share,
@@ -383,7 +384,7 @@ class FinetuneJob(FinetuneOptions, ModelFileJob):
     """A fine-tuning."""
 
 
-def train_job_kind(settings: Mapping[str, object]) -> type[TrainJob] | type[UntrainedJob]:
+def train_job_kind(settings: Raw) -> type[TrainJob] | type[UntrainedJob]:
     """What job of the stage train settings are of, by the kind of their method."""
     build = settings.get("build")
     name = build.get("kind") if isinstance(build, Mapping) else None
@@ -392,7 +393,7 @@ def train_job_kind(settings: Mapping[str, object]) -> type[TrainJob] | type[Untr
     return TrainJob if kind.trains() else UntrainedJob
 
 
-def train_job(settings: Mapping[str, object]) -> TrainJob | UntrainedJob:
+def train_job(settings: Raw) -> TrainJob | UntrainedJob:
     """The job of the stage train.
 
     Raises:

@@ -6,6 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 
 import yaml
@@ -120,7 +121,7 @@ def _fill(new: Path, results: Path, config: Configuration, command: str) -> None
     write_text(new / "config.yaml", yaml.safe_dump(anywhere.dump(), sort_keys=False, allow_unicode=True))
     record = {
         "command": command,
-        **run_record.of_run(results, measured),
+        **asdict(run_record.of_run(results, measured)),
         "run_revisions": revisions(results),
         "files": sorted([RECORD, *(str(path.relative_to(new)) for path in new.rglob("*") if path.is_file())]),
     }

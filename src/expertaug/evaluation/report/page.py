@@ -109,7 +109,6 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
         served=dashboard.command,
         sections=[(title, blocks) for title, blocks in sections if blocks],
         costs=run_record.costs_table(measured) if measured else None,
-        record=record,
         provenance=run_record.provenance_table(record, job, provenance.revision()),
         graph=drawing(job.rules),
     )
