@@ -6,8 +6,9 @@ Its keys are those of :mod:`expertaug.config.models`; what no single key says is
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from expertaug import presets
@@ -67,12 +68,12 @@ def default_files() -> list[Path]:
     return next(([path] for f in folders if f and (path := f / "config" / "config.yaml").is_file()), [])
 
 
-def completed(config: Located, stages: Collection[str] = ()) -> Configuration:
+def completed(config: Located, stages: checks.Stages = MappingProxyType({})) -> Configuration:
     """A configuration as the workflow uses it: checked and completed, with a method for each point of its grids.
 
     Arguments:
         config: as read from YAML, all files merged.
-        stages: names of the workflow's stages, which no experiment may have.
+        stages: of the workflow by name: no experiment may be called like one, or like another's table.
 
     Raises:
         InputError: everything that is wrong.
@@ -80,14 +81,14 @@ def completed(config: Located, stages: Collection[str] = ()) -> Configuration:
     return grid.expand(validate(config, stages), lambda change: validate(merge(config, change)))
 
 
-def validate(config: Located | dict[str, Any], stages: Collection[str] = ()) -> Configuration:
+def validate(config: Located | dict[str, Any], stages: checks.Stages = MappingProxyType({})) -> Configuration:
     """Check a configuration and complete it.
 
     Only the experiments of the run must be sound; of the others, those that are not are left out.
 
     Arguments:
         config: as read from YAML, all files merged.
-        stages: names of the workflow's stages, which no experiment may have.
+        stages: of the workflow by name: no experiment may be called like one, or like another's table.
 
     Returns:
         the same with ``based_on`` and the chosen preset's ``presets`` merged, defaults filled in, ``choices``

@@ -13,6 +13,7 @@ from expertaug.stages.options import read_settings, with_prior
 
 if TYPE_CHECKING:
     from expertaug.config.models import Configuration
+    from expertaug.evaluation.products import Product
     from expertaug.settings import Raw, Settings
 
 WHERE = "--settings"
@@ -80,6 +81,11 @@ class Stage:
     def text(cls) -> str:
         """What it does, as its help says it."""
         return " ".join((cls.__doc__ or "").split())
+
+    @classmethod
+    def products(cls) -> tuple[Product, ...]:
+        """The tables and figures that it makes for readers: targets of the workflow, and what ``publish`` keeps."""
+        return ()
 
     @classmethod
     def job_of(cls, a: argparse.Namespace, settings: Raw) -> str:
