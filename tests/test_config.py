@@ -77,6 +77,10 @@ def test_shipped_files_are_valid(base, name, tmp_path):
         ),
         ("experiments: {pendulum: {model: {encoder: {latent: 1e2}}}}", "model.encoder.latent: found '1e2'"),
         ("seeds: [true]", "seeds[0]: found true; give a whole number"),
+        (
+            "experiments: {pendulum: {overrides: {mean: {training: {epochs: 1}}}}}",
+            "overrides.mean.training.epochs: a method of kind mean is not trained; give it solver alone",
+        ),
         ("experiments: {pendulum: null}", "experiments.pendulum: found null; give a mapping of keys"),
         (
             "experiments: {pendulum: {data: {noise: estimatd}}}",

@@ -15,7 +15,7 @@ from expertaug.config.recording_settings import is_single
 from expertaug.config.sources import wrong_measurements
 from expertaug.errors import InputError
 from expertaug.evaluation.products import Product
-from expertaug.learning.settings import TrainSettings
+from expertaug.learning.settings import SolverOnly, TrainSettings
 from expertaug.models.estimators import EstimatorKind, Hybrid
 from expertaug.systems.settings import EVENTS
 from expertaug.versions import FLOW, Version, base
@@ -183,6 +183,10 @@ def _overridden(
         if getattr(method, part, None) is not False:
             settings = getattr(merged.model, part)
             yield from options.check_part(part, settings, f"{where}.model.{part}", system, experiment.data.t1_s)
+    if over.training is not None and not method.estimator.trains():
+        for name in sorted(over.training.model_fields_set - set(SolverOnly.model_fields)):
+            found = f"a method of kind {method.kind} is not trained"
+            yield InputError(f"{where}.training.{name}", found, f"give it {', '.join(SolverOnly.model_fields)} alone")
     for block in ("training", "finetuning"):
         own = _options(getattr(over, block))
         if own and method.estimator.has_objective:
