@@ -159,6 +159,7 @@ class TestRefusals:
             ({"device": "gpu"}, "device: found 'gpu'; did you mean 'cuda'?"),
             ({"solver": "rk4"}, r"solver: found 'rk4'; give one, as expertaug.Solver\(.rk4.\)"),
             ({"forecast_solver": "rk4"}, "forecast_solver: found 'rk4'"),
+            ({"horizon_s": "1"}, "training.horizon_s: found '1'"),
             ({"label": 3}, "^label: found 3; give a text"),
             ({"objective": ea.DampedPendulum}, "objective: the class DampedPendulum is no Objective"),
             ({"preset": "best"}, "preset"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Literal, TypeAlias, TypedDict, Unpack
 
 import numpy as np
@@ -151,7 +152,9 @@ def fit(
     further: dict[str, object] = {"objective": {k: v for k, v in loss.items() if k != "kind"}}
     further |= {} if arguments.solver(solver, "solver") is None else {"solver": solver}
     arguments.solver(forecast_solver, "forecast_solver")
-    further |= {} if horizon_s is None else {"horizon_s": float(horizon_s)}
+    further |= (
+        {} if horizon_s is None else {"horizon_s": float(horizon_s) if isinstance(horizon_s, Real) else horizon_s}
+    )
     label = label or getattr(getattr(objective, "func", objective), "__name__", str(loss["kind"]))
     how = TrainOptions.of(
         experiment=described.system_name,
