@@ -77,6 +77,20 @@ def test_shipped_files_are_valid(base, name, tmp_path):
         ),
         ("experiments: {pendulum: {model: {encoder: {latent: 1e2}}}}", "model.encoder.latent: found '1e2'"),
         ("seeds: [true]", "seeds[0]: found true; give a whole number"),
+        (
+            "experiments: {pendulum: {overrides: {mean: {training: {epochs: 1}}}}}",
+            "overrides.mean.training.epochs: a method of kind mean is not trained; give it solver alone",
+        ),
+        ("experiments: {pendulum: null}", "experiments.pendulum: found null; give a mapping of keys"),
+        (
+            "experiments: {pendulum: {data: {noise: estimatd}}}",
+            "data.noise: found 'estimatd'; did you mean 'estimated'?",
+        ),
+        ("experiments: {pendulum: {data: {noise: '0.1'}}}", "data.noise: found '0.1', which YAML takes for a text"),
+        (
+            "methods: {nobodys: {kind: hybrid, objective: aphinity, label: Nobody's}}",
+            "methods.nobodys.objective: found 'aphinity'; did you mean 'aphynity'?",
+        ),
         ("seeds: [1.5]", "seeds[0]: found 1.5; give a whole number"),
         ("seeds: [3, 1, 3]", "seeds[2]: 3 is there twice"),
         ("seeds: []", "seeds: found []; give 1 or more values"),

@@ -13,13 +13,18 @@ from expertaug import plotting
 from expertaug.cli import main
 from expertaug.config import load as config
 from expertaug.errors import InputError
-from expertaug.evaluation.products import STUDIES, kept
+from expertaug.evaluation.products import STUDIES
 from expertaug.evaluation.studies import KINDS
-from expertaug.runs.publish import publish
+from expertaug.runs import publish as publishing
 from expertaug.stages.files import Files
+from expertaug.stages.planned import kept as kept_files
 from expertaug.stages.planned import products_of, products_of_all
 
 ROOT = Path(__file__).parents[1]
+
+
+def publish(config, folder, command):
+    publishing.publish(config, folder, command, kept_files)
 
 
 @pytest.fixture
@@ -174,7 +179,7 @@ def test_every_table_and_figure_that_the_workflow_makes_is_kept():
     rules = "".join(path.read_text() for path in (ROOT / "workflow/rules").glob("*.smk"))
     stems = set(re.findall(r'(?:table|figure|results)\(f?"(?:(?:tables|figures)/)?\{+experiment\}+(\w*)', rules))
     assert {"_splits", "_published", "_long"} <= stems
-    declared = kept(["EXPERIMENT"])
+    declared = kept_files(["EXPERIMENT"])
     for stem in stems - {"_"}:  # named by the products themselves
         assert any(file.partition("/")[2].startswith(f"EXPERIMENT{stem}.") for file in declared), f"{stem} is not kept"
     assert {one.name for one in STUDIES} == set(KINDS)

@@ -230,12 +230,11 @@ def test_a_table_and_its_stage(checkout):
 
     name = "count"
     code = "expertaug.evaluation.count"
+    draws = False
 
 
 '''
     checkout.insert("src/expertaug/stages/evaluation.py", "class Validity", stage)
-    product = '    Product("count", "count", table=True),\n'
-    checkout.insert("src/expertaug/evaluation/products.py", '    Product("own_priors"', product)
     checkout.write("workflow/report/count.rst", "How many sets each version has forecast.\n")
     checkout.configure("controls: []")
     given = checkout.settings("expertaug count", "tables/pendulum_count.md", "logs/study/pendulum_count.log")

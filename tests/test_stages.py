@@ -175,6 +175,39 @@ def test_a_misspelt_key_is_one_line_before_anything_runs(stage, tmp_path, capsys
         assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("stage", "path", "value", "expected"),
+    [
+        ("train", "seeds", [0, 0], "seeds[1]: 0 is there twice; give each once"),
+        ("train", "preset", "papr", "preset: found 'papr'; did you mean 'paper'?"),
+        ("train", "system.name", "pendulm", "system.name: found 'pendulm'; did you mean 'pendulum'?"),
+        ("train", "system", {"friction": 1.0}, "system.name: missing; known: pendulum"),
+        (
+            "train",
+            "model.encoder",
+            {"kind": "recurent"},
+            "model.encoder.kind: found 'recurent'; did you mean 'recurrent'?",
+        ),
+        ("train", "model.interaction", {"kind": 3}, "model.interaction.kind: found 3; known: mlp"),
+        ("train", "build.objective", "aphinity", "build.objective: found 'aphinity'; did you mean 'aphynity'?"),
+        ("evaluate", "noise", "estimatd", "noise: found 'estimatd'; did you mean 'estimated'?"),
+        ("study", "study", "horizon", "study: found 'horizon'; did you mean 'horizons'?"),
+        ("report", "preset", "papr", "preset: found 'papr'; did you mean 'paper'?"),
+    ],
+)
+def test_a_misspelt_name_is_one_line_before_anything_runs(stage, path, value, expected, tmp_path, capsys):
+    settings = json.loads(json.dumps(examples()[stage]))
+    *blocks, name = path.split(".")
+    block = settings
+    for part in blocks:
+        block = block[part]
+    block[name] = value
+    assert main(command_line(stage, settings, tmp_path)) == BAD_INPUT
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len(said) == 1 and f"--settings.{expected}" in said[0], said
+    assert not list(tmp_path.iterdir())
+
+
 def test_no_list_of_stages_is_kept_by_hand():
     names = {name for stage, kind in STAGES.items() for name in (stage, kind.name)}
     for path in sorted((ROOT / "src" / "expertaug").rglob("*.py")):

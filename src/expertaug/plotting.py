@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, Required, TypeAlias, TypedDict
 
 import matplotlib as mpl
 import numpy as np
@@ -17,6 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.typing import ColorType, LineStyleType, MarkerType
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
@@ -53,7 +54,21 @@ LONG_DASHED = (0, (8.0, 1.6))
 LETTERS = "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|kappa|lambda|mu|nu|xi|rho|sigma|tau|phi|chi|psi|omega"
 
 
-def colours(variants: Sequence[str], hues: Mapping[str, int] | None = None) -> dict[str, tuple[float, float, float]]:
+Colour: TypeAlias = tuple[float, float, float]
+Colours: TypeAlias = Mapping[str, Colour]  # of versions
+
+
+class Look(TypedDict, total=False):
+    """How a line or a point is drawn, in matplotlib's words."""
+
+    color: Required[ColorType]
+    linestyle: LineStyleType
+    linewidth: float
+    marker: MarkerType
+    markersize: float
+
+
+def colours(variants: Sequence[str], hues: Mapping[str, int] | None = None) -> dict[str, Colour]:
     """A colour for each version of a method: one hue per method, light as trained, dark when augmented.
 
     Arguments:
@@ -75,7 +90,7 @@ def colours(variants: Sequence[str], hues: Mapping[str, int] | None = None) -> d
     return found
 
 
-def dash(variant: str) -> str | tuple:
+def dash(variant: str) -> LineStyleType:
     """The style of a version's line, for versions of one colour: dotted when refined, long dashes for a flow,
     dash-dotted when a control, solid when augmented, else dashed."""
     version = Version.parse(variant)
@@ -103,12 +118,16 @@ def marker(variant: str) -> str:
     return "s" if version.is_refined else "^" if version.is_flow else "v" if version.is_control else "o"
 
 
-def look(variant: str, colours: Mapping[str, tuple[float, float, float]], size: float = 3) -> dict[str, Any]:
+def look(variant: str, colours: Colours, size: float = 3) -> Look:
     """Colour, dash and marker of a version's line; the true equation's is dotted, without markers, in every figure."""
     if colours[variant] == to_rgb(EQUATION):
         return {"color": EQUATION, "linestyle": ":", "marker": ""}
-    shown = {"linestyle": dash(variant), "marker": marker(variant), "markersize": size}
-    return {"color": colours[variant], **shown}
+    return {
+        "color": colours[variant],
+        "linestyle": dash(variant),
+        "marker": marker(variant),
+        "markersize": size,
+    }
 
 
 def symbol(name: str) -> str:

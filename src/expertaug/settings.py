@@ -10,7 +10,7 @@ from __future__ import annotations
 import types
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeAlias, TypeVar, Union, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -18,6 +18,7 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    JsonValue,
     Tag,
     ValidationError,
     model_serializer,
@@ -29,6 +30,7 @@ from expertaug import wording
 from expertaug.errors import InputError, InputErrors
 
 T = TypeVar("T", bound="Settings")
+Raw: TypeAlias = Mapping[str, JsonValue]  # what a JSON or YAML file holds, not yet checked
 MANY = 2**31 - 1  # what counts something is at most this
 LARGEST = 3.4028235e38  # of float32
 
@@ -153,6 +155,11 @@ def _ordered(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
+def _spoken(value: object) -> str:
+    """Whether a value that is a number or a word is meant as the number, also where YAML takes that for a text."""
+    return "@word" if isinstance(value, str) and wording.number_in(value) is None else "@number"
+
+
 def _shape(value: object) -> str:
     return "@keys" if isinstance(value, Mapping | BaseModel) else "@list" if isinstance(value, list | tuple) else "@one"
 
@@ -197,12 +204,13 @@ Range = Annotated[
 ]
 EachOnce = AfterValidator(_each_once)  # of a list
 Name = Annotated[str, Field(pattern=wording.PATTERNS["name"])]
-Seeds = Annotated[list[Annotated[int, Field(ge=0, lt=2**63)]], Field(min_length=1)]
+Seeds = Annotated[list[Annotated[int, Field(ge=0, lt=2**63)]], Field(min_length=1), EachOnce]
 Device = Literal["auto", "cpu", "cuda"]
 # Standard deviation of the noise of data: of every value, of each component's, or as estimated from measurements.
-Noise = Annotated[
-    Annotated[NotNegative | Literal["estimated"], ONE] | Annotated[dict[str, NotNegative], KEYS], by_shape
+_NoiseOfAll = Annotated[
+    Annotated[NotNegative, Tag("@number")] | Annotated[Literal["estimated"], Tag("@word")], Discriminator(_spoken)
 ]
+Noise = Annotated[Annotated[_NoiseOfAll, ONE] | Annotated[dict[str, NotNegative], KEYS], by_shape]
 OWN = "own"  # in the place of the ranges of p⁺ that are to be found
 Prior = Annotated[Annotated[Literal["own"], ONE] | Annotated[dict[str, Range], KEYS], by_shape]
 

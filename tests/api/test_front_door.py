@@ -153,6 +153,15 @@ class TestRefusals:
             ({"seeds": [1, 1]}, "seeds: found"),
             ({"seeds": 3}, "seeds: found 3"),
             ({"seeds": [-1]}, "seeds: found"),
+            ({"seeds": [0.5]}, r"seeds: found \[0.5\]; give whole numbers"),
+            ({"seeds": [True]}, r"seeds: found \[True\]"),
+            ({"start": {"thta": (0, 1)}}, "start.thta: is no component of the state; did you mean 'theta'?"),
+            ({"device": "gpu"}, "device: found 'gpu'; did you mean 'cuda'?"),
+            ({"solver": "rk4"}, r"solver: found 'rk4'; give one, as expertaug.Solver\(.rk4.\)"),
+            ({"forecast_solver": "rk4"}, "forecast_solver: found 'rk4'"),
+            ({"horizon_s": "1"}, "training.horizon_s: found '1'"),
+            ({"label": 3}, "^label: found 3; give a text"),
+            ({"objective": ea.DampedPendulum}, "objective: the class DampedPendulum is no Objective"),
             ({"preset": "best"}, "preset"),
             ({"choices": {"colour": "red"}}, "choices.colour"),
             ({"objective": ea.HybridVAE}, "prior: missing, HybridVAE needs it"),
@@ -208,12 +217,24 @@ class TestRefusals:
             ({"n": 0}, "n = 0"),
             ({"t": [0, 0]}, "t has shape"),
             ({"noise": -0.1}, "noise = -0.1"),
+            ({"noise": "x"}, "noise = x; .* noise at least 0"),
+            ({"n": "3"}, "n = 3"),
+            ({"seed": -1}, "seed: found -1; give a whole number from 0 on"),
         ],
     )
     def test_of_simulate(self, change, expected):
         options = {"z_e": SEEN, "z_a": {"alpha": (0, 1)}, "n": 2, "t": T} | change
         with pytest.raises(ea.InputError, match=expected):
             ea.simulate(ea.DampedPendulum(), **options)
+
+    def test_of_augment(self, fit, sets):
+        with pytest.raises(ea.InputError, match=r"worst: found 3.0; give a share from 0 to 1"):
+            ea.augment(fit, sets["train"], sets["validation"], prior=SHIFTED, worst=3.0)
+
+    def test_of_load(self, fit, tmp_path):
+        fit.save(tmp_path / "m")
+        with pytest.raises(ea.InputError, match="device: found 'gpu'; did you mean 'cuda'"):
+            ea.load(tmp_path / "m", device="gpu")
 
 
 class TestPlotsAndMetrics:

@@ -136,7 +136,7 @@ def test_validity(value):
     refit = Refit(some.unsqueeze(-1).nan_to_num(1.0, 1.0), some, some, some, some)
     edges = np.linspace(0.0, 1.0, 4)
     along = Validity("omega0", edges, np.full(3, value), np.full(3, value), value, (0.0, 1.0))
-    found = {"a": ("A", {"train": refit, "test": refit}, {"omega0": along}, "1/s")}
+    found = {"a": validity.OfVersion("A", {"train": refit, "test": refit}, along, "omega0", "1/s")}
     job = ValidityJob.from_mapping({"experiment": "e", "versions": [], "validity": {}, "device": "cpu"})
     figure = validity._draw(found, job, "title")
     drawn(figure)

@@ -19,7 +19,7 @@ from expertaug_recordings.names import list_pictures
 from expertaug.config.checks import PUBLISHED
 from expertaug.source_files import PACKAGE
 from expertaug.stages.files import LEARNING_SETS, Files
-from expertaug.stages.planned import STUDIES, overviews, products_of, products_of_all
+from expertaug.stages.planned import PRODUCTS, STUDIES, overviews, products_of, products_of_all
 from expertaug.stages.planned import stages_read, studies, study_files
 from expertaug.versions import MAIN_SETS, Version
 
@@ -35,7 +35,7 @@ CALIBRATED = [e for e in RUN if CONFIG.experiments[e].data.calibrate]
 RECORDED = [e for e in RUN if CONFIG.experiments[e].data.source == "recordings"]
 SIMULATED = [e for e in RUN if CONFIG.experiments[e].data.source == "simulation"]
 COMPARED = [e for e in RUN if CONFIG.experiments[e].evaluation.published is not None]
-DRAWN = {one.name for one in products.PRODUCTS if one.figure}
+DRAWN = {product.name for _, product in PRODUCTS if product.figure}
 
 
 def one_of(names):

@@ -1,4 +1,4 @@
-# Studies of experiments: a rule for each that the products register (src/expertaug/evaluation/products.py).
+# Studies of experiments: a rule for each that a stage makes (src/expertaug/stages/evaluation.py).
 
 
 for study in [name for name in STUDIES if not STUDIES[name].runs_models]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from numbers import Real
+from operator import index
 from typing import Literal, TypeAlias, TypedDict
 
 import numpy as np
@@ -14,7 +15,9 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.systems import System
 from expertaug.systems.inputs import check_given
+from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories, points_until
+from expertaug.wording import suggest
 
 Array: TypeAlias = np.ndarray | Tensor
 Ranges: TypeAlias = Mapping[str, Sequence[float]]
@@ -182,6 +185,41 @@ def ranges(given: Ranges, names: Iterable[str], where: str) -> dict[str, list[fl
     return kept
 
 
+def share(given: object, name: str) -> float:
+    """A share from 0 to 1.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not isinstance(given, Real) or not 0 <= float(given) <= 1:
+        raise InputError(name, f"found {given!r}", "give a share from 0 to 1")
+    return float(given)
+
+
+def start(given: Ranges, system: System) -> dict[str, list[float]]:
+    """Ranges [low, high] of first values by component of a system's state, checked.
+
+    Raises:
+        InputError: a name that is no component's, or no range.
+    """
+    names = [p.name for p in system.state]
+    for name in given:
+        if name not in names:
+            raise InputError(f"start.{name}", "is no component of the state", suggest(name, names))
+    return ranges(given, given, "start")
+
+
+def solver(given: object, name: str) -> Solver | None:
+    """A solver, or none.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if given is not None and not isinstance(given, Solver):
+        raise InputError(name, f"found {given!r}", 'give one, as expertaug.Solver("rk4")')
+    return given
+
+
 def trajectories(given: object, name: str) -> Trajectories:
     """A set that the user gave.
 
@@ -213,11 +251,12 @@ def seeds_of(given: Iterable[int]) -> list[int]:
         InputError: no different whole numbers from 0 on.
     """
     try:
-        seeds = [int(seed) for seed in given]
-    except (TypeError, ValueError) as error:
+        each = list(given)
+        seeds = [index(seed) for seed in each if not isinstance(seed, bool)]
+    except TypeError as error:
         raise InputError("seeds", f"found {given!r}", "give whole numbers, as range(3)") from error
-    if not seeds or min(seeds) < 0 or max(seeds) >= 2**63 or len(set(seeds)) < len(seeds):
-        raise InputError("seeds", f"found {seeds}", "give different whole numbers from 0 on")
+    if not seeds or len(seeds) < len(each) or min(seeds) < 0 or max(seeds) >= 2**63 or len(set(seeds)) < len(seeds):
+        raise InputError("seeds", f"found {each}", "give different whole numbers from 0 on")
     return seeds
 
 

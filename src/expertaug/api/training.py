@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Literal, TypeAlias, TypedDict, Unpack
 
 import numpy as np
@@ -25,6 +26,7 @@ from expertaug.learning.training_data import StackedSet
 from expertaug.models import describe
 from expertaug.models.hybrid import HybridModel
 from expertaug.presets import Choices, resolve
+from expertaug.registry import check as check_class
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
@@ -145,10 +147,14 @@ def fit(
     arguments.check_observed(observed_s, train.t)
     names = [p.name for p in model.system.expert_parameters]
     loss = describe.settings_of(OBJECTIVE, objective)
+    check_class(OBJECTIVE, getattr(objective, "func", objective), "objective")
     described = describe.describe(model)
     further: dict[str, object] = {"objective": {k: v for k, v in loss.items() if k != "kind"}}
-    further |= {} if solver is None else {"solver": solver}
-    further |= {} if horizon_s is None else {"horizon_s": float(horizon_s)}
+    further |= {} if arguments.solver(solver, "solver") is None else {"solver": solver}
+    arguments.solver(forecast_solver, "forecast_solver")
+    further |= (
+        {} if horizon_s is None else {"horizon_s": float(horizon_s) if isinstance(horizon_s, Real) else horizon_s}
+    )
     label = label or getattr(getattr(objective, "func", objective), "__name__", str(loss["kind"]))
     how = TrainOptions.of(
         experiment=described.system_name,
@@ -157,7 +163,7 @@ def fit(
         preset=preset,
         training=TrainSettings.from_mapping({**options, **further}),
         t1_s=float(observed_s),
-        start={} if start is None else arguments.ranges(start, start, "start"),
+        start={} if start is None else arguments.start(start, model.system),
         choices=chosen,
         seeds=seeds_of(seeds),
         device=device,
@@ -200,7 +206,9 @@ def augment(
     ranges = given_or_grown_ranges(model, train, prior, arguments.noise(noise))
     rows = _choices(model, preset, choices)[1]
     with arguments.one_thread():
-        drawn = augmenting.augment(model.stored, train, validation, ranges, arguments.noise(noise), rows, float(worst))
+        drawn = augmenting.augment(
+            model.stored, train, validation, ranges, arguments.noise(noise), rows, arguments.share(worst, "worst")
+        )
     return AugmentedSets(model.t, drawn)
 
 

@@ -6,6 +6,7 @@ import csv
 import os
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Protocol, TypeAlias
 
 from expertaug.config import jobs, options
 from expertaug.config.layers import overridden
@@ -13,8 +14,8 @@ from expertaug.config.models import Common, Experiment, Method, Override
 from expertaug.config.recording_settings import is_single
 from expertaug.config.sources import wrong_measurements
 from expertaug.errors import InputError
-from expertaug.evaluation.products import PRODUCTS
-from expertaug.learning.settings import TrainSettings
+from expertaug.evaluation.products import Product
+from expertaug.learning.settings import SolverOnly, TrainSettings
 from expertaug.models.estimators import EstimatorKind, Hybrid
 from expertaug.systems.settings import EVENTS
 from expertaug.versions import FLOW, Version, base
@@ -24,8 +25,6 @@ from expertaug_recordings.settings import RecordingKeys
 # Folders beside those of the experiments in the results folder.
 RESERVED = ("recordings", "tables", "figures", "mlflow", "published", "logs")
 TARGETS = ("export", "recordings", "studies", "report", "all", "everything")  # beside the stages
-# Tables of an experiment are called after it and one of these.
-ENDINGS = ("long", *(one.name for one in PRODUCTS if one.table and one.name))
 FREE = ("label", "sha256", "results", "path", "rate_provenance", "experiment", "title", "set_titles", "uri")
 PUBLISHED = Path(__file__).parents[1] / "evaluation" / "paper.csv"
 BLOCKS = ("training", "finetuning", "refinement", "flow", "alternation", "evaluation")  # that name a solver
@@ -68,14 +67,27 @@ def check_results(folder: str) -> Iterator[InputError]:
         yield InputError("results", f"'{existing}' cannot be written", "choose a writable results folder")
 
 
-def check_name(name: str, experiments: Collection[str], stages: Collection[str] = ()) -> Iterator[InputError]:
+class MakesProducts(Protocol):
+    """What is asked of a stage of the workflow."""
+
+    @classmethod
+    def products(cls) -> tuple[Product, ...]:
+        """Its tables and figures."""
+        ...
+
+
+Stages: TypeAlias = Mapping[str, type[MakesProducts]]  # by name
+
+
+def check_name(name: str, experiments: Collection[str], stages: Stages) -> Iterator[InputError]:
     """An experiment's name that files, rules (those of ``stages`` too) or other experiments need."""
     where = f"experiments.{name}"
     if name in RESERVED:
         yield InputError(where, "the results folder needs this name", "choose another name")
     if name in TARGETS or name in stages:
         yield InputError(where, "a stage of the workflow has this name", "choose another name")
-    for ending in ENDINGS:
+    # Tables of an experiment are called after it and one of these.
+    for ending in ("long", *(p.name for stage in stages.values() for p in stage.products() if p.table and p.name)):
         other = name.removesuffix(f"_{ending}")
         if other != name and other in experiments:
             yield InputError(where, f"the files of '{other}' would have the same names", "choose another name")
@@ -171,6 +183,10 @@ def _overridden(
         if getattr(method, part, None) is not False:
             settings = getattr(merged.model, part)
             yield from options.check_part(part, settings, f"{where}.model.{part}", system, experiment.data.t1_s)
+    if over.training is not None and not method.estimator.trains():
+        for name in sorted(over.training.model_fields_set - set(SolverOnly.model_fields)):
+            found = f"a method of kind {method.kind} is not trained"
+            yield InputError(f"{where}.training.{name}", found, f"give it {', '.join(SolverOnly.model_fields)} alone")
     for block in ("training", "finetuning"):
         own = _options(getattr(over, block))
         if own and method.estimator.has_objective:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from expertaug.config.yaml_file import Located
 from expertaug.errors import InputError
-from expertaug.settings import Settings
+from expertaug.settings import Raw, Settings
 from expertaug.wording import suggest
 
 S = TypeVar("S", bound=Settings)
@@ -19,7 +19,7 @@ CHAIN = 100  # experiments of which one is based on the next, at most
 OF_SOURCE = {"simulation": ("step_s", "t2_s", "sets"), "recordings": ("split",), "files": ("files",)}
 
 
-def merge(base: Mapping, over: Mapping) -> Located:
+def merge(base: Raw, over: Raw) -> Located:
     """``base`` overridden by ``over``: mappings are merged key by key, anything else is replaced.
 
     A mapping that names another ``kind`` is replaced too: the arguments of one class are none of another's.
@@ -28,13 +28,19 @@ def merge(base: Mapping, over: Mapping) -> Located:
     origins = getattr(over, "origin", {})
     for key, value in over.items():
         old = merged.get(key)
-        both = isinstance(old, Mapping) and isinstance(value, Mapping)
-        both = both and value.get("kind", old.get("kind")) == old.get("kind")
-        merged[key] = merge(old, value) if both else _copied(value)
+        if isinstance(old, Mapping) and isinstance(value, Mapping) and _of_one_kind(old, value):
+            merged[key] = merge(old, value)
+        else:
+            merged[key] = _copied(value)
         merged.origin.pop(key, None)
         if key in origins:
             merged.origin[key] = origins[key]
     return merged
+
+
+def _of_one_kind(old: Raw, new: Raw) -> bool:
+    """Whether a mapping that overrides another names its ``kind``, or none."""
+    return new.get("kind", old.get("kind")) == old.get("kind")
 
 
 def overridden(base: S, over: Settings) -> S:
@@ -49,12 +55,12 @@ def overridden(base: S, over: Settings) -> S:
 def _over(old: Any, new: Any) -> Any:
     if isinstance(old, Settings) and isinstance(new, Settings):
         return overridden(old, new)
-    if isinstance(old, Mapping) and isinstance(new, Mapping) and new.get("kind", old.get("kind")) == old.get("kind"):
+    if isinstance(old, Mapping) and isinstance(new, Mapping) and _of_one_kind(old, new):
         return {**old, **{key: _over(old.get(key), value) for key, value in new.items()}}
     return new
 
 
-def of_command_line(values: Mapping) -> Located:
+def of_command_line(values: Raw) -> Located:
     """What ``--config`` says; of its ``key=value`` Snakemake takes true, false and null for texts, and within braces
     and brackets numbers as well."""
     read = {k: _word(v) if isinstance(v, str) else _spoken(v) for k, v in values.items()}
@@ -111,7 +117,7 @@ def plain(value: Any) -> Any:
 
 
 def layers(
-    experiments: Mapping, preset: str, broken: Iterable[str] = ()
+    experiments: Mapping[str, Located], preset: str, broken: Iterable[str] = ()
 ) -> tuple[dict[str, Located], list[InputError]]:
     """Experiments with the keys of what they are based on and with what they override under a preset.
 
@@ -129,7 +135,9 @@ def layers(
     return {name: _under(preset, experiment) for name, experiment in made.items() if experiment is not None}, errors
 
 
-def _inherit(name: str, experiments: Mapping, made: dict[str, Located | None], errors: list[InputError]) -> None:
+def _inherit(
+    name: str, experiments: Mapping[str, Located], made: dict[str, Located | None], errors: list[InputError]
+) -> None:
     """Put an experiment with the keys of the one that it is based on into ``made``; None where it cannot be made."""
     chain = [name]
     while chain[-1] not in made and "based_on" in experiments[chain[-1]]:

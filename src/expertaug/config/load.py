@@ -6,8 +6,9 @@ Its keys are those of :mod:`expertaug.config.models`; what no single key says is
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from expertaug import presets
@@ -17,7 +18,7 @@ from expertaug.config.models import Common, Configuration, Experiment
 from expertaug.config.sources import wrong_recordings
 from expertaug.config.yaml_file import Located, read
 from expertaug.errors import InputError, InputErrors
-from expertaug.settings import check
+from expertaug.settings import Raw, check
 from expertaug.source_files import project
 from expertaug.wording import show, unknown
 
@@ -67,12 +68,12 @@ def default_files() -> list[Path]:
     return next(([path] for f in folders if f and (path := f / "config" / "config.yaml").is_file()), [])
 
 
-def completed(config: Located, stages: Collection[str] = ()) -> Configuration:
+def completed(config: Located, stages: checks.Stages = MappingProxyType({})) -> Configuration:
     """A configuration as the workflow uses it: checked and completed, with a method for each point of its grids.
 
     Arguments:
         config: as read from YAML, all files merged.
-        stages: names of the workflow's stages, which no experiment may have.
+        stages: of the workflow by name: no experiment may be called like one, or like another's table.
 
     Raises:
         InputError: everything that is wrong.
@@ -80,14 +81,14 @@ def completed(config: Located, stages: Collection[str] = ()) -> Configuration:
     return grid.expand(validate(config, stages), lambda change: validate(merge(config, change)))
 
 
-def validate(config: Located | dict[str, Any], stages: Collection[str] = ()) -> Configuration:
+def validate(config: Located | dict[str, Any], stages: checks.Stages = MappingProxyType({})) -> Configuration:
     """Check a configuration and complete it.
 
     Only the experiments of the run must be sound; of the others, those that are not are left out.
 
     Arguments:
         config: as read from YAML, all files merged.
-        stages: names of the workflow's stages, which no experiment may have.
+        stages: of the workflow by name: no experiment may be called like one, or like another's table.
 
     Returns:
         the same with ``based_on`` and the chosen preset's ``presets`` merged, defaults filled in, ``choices``
@@ -115,7 +116,7 @@ def validate(config: Located | dict[str, Any], stages: Collection[str] = ()) -> 
         if experiment is not None:
             complete[name] = experiment
     errors += checks.check_data_curves(complete, common.run)
-    errors += _of_the_run(common.run, wrong_in, {name: block.get("based_on") for name, block in experiments.items()})
+    errors += _of_the_run(common.run, wrong_in, {name: block.get("based_on") for name, block in sound.items()})
     whole = Configuration.model_construct(**dict(common), experiments=complete)
     if not errors:
         errors += wrong_recordings(whole)
@@ -124,17 +125,17 @@ def validate(config: Located | dict[str, Any], stages: Collection[str] = ()) -> 
     return whole
 
 
-def _of_single_keys(raw: dict[str, Any]) -> list[InputError]:
+def _of_single_keys(raw: Raw) -> list[InputError]:
     """What is wrong with what a file says, wherever it says it; what is missing may be inherited."""
     errors = check(Configuration, raw, "", whole=False)
     wrong = {error.where for error in errors}
     errors += [error for error in checks.check_texts(raw) if error.where not in wrong]
-    if isinstance(raw.get("results"), str):
-        errors += checks.check_results(_folder(raw["results"]))
+    if isinstance(results := raw.get("results"), str):
+        errors += checks.check_results(_folder(results))
     return errors
 
 
-def _common(raw: dict[str, Any], broken: set[str], errors: list[InputError]) -> Common:
+def _common(raw: Raw, broken: set[str], errors: list[InputError]) -> Common:
     """Everything but the experiments, completed; of what is broken the default, where there is one.
 
     Raises:
@@ -163,7 +164,7 @@ def _folder(results: str) -> str:
         return results
 
 
-def _experiment(where: str, block: dict[str, Any], common: Common) -> tuple[Experiment | None, list[InputError]]:
+def _experiment(where: str, block: Raw, common: Common) -> tuple[Experiment | None, list[InputError]]:
     """An experiment with defaults and all choices, None where it is wrong, and what is wrong with it."""
     errors = check(Experiment, block, where)
     if errors:

@@ -21,7 +21,7 @@ from expertaug.inference.settings import AlternatingSettings, FlowSettings, Vali
 from expertaug.learning.settings import Build, MethodKeys, TrainSettings
 from expertaug.measurements.settings import MeasurementSettings
 from expertaug.models.settings import RefinementSettings
-from expertaug.presets import NAMES, Choices
+from expertaug.presets import NAMES, Choices, Preset
 from expertaug.settings import (
     LEFT_OUT,
     Count,
@@ -441,7 +441,7 @@ class Common(Settings):
 
     RENAMED: ClassVar = {"choices": "say it in the experiments: experiments: {NAME: {choices: …}}"}
 
-    preset: Literal["paper", "code", "corrected"] = key(
+    preset: Preset = key(
         "corrected",
         "which choices to take where the paper and the authors' code disagree (expertaug/presets.py lists them)",
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -28,13 +29,14 @@ SCORES = {
     "spread": "spread of seeds",
     "density": "density of estimates",
 }
-LOOKS = {
+LOOKS: dict[str, plotting.Look] = {
     score: {"color": plotting.HUES[hue], "marker": marker, "markersize": 4, "linestyle": ""}
     for score, hue, marker in (("misfit", 5, "o"), ("expected", 6, "s"), ("spread", 7, "^"), ("density", 2, "D"))
 }
 CHANCE = {"color": "0.35", "linewidth": 0.9, "linestyle": ":"}
 FEWEST = 5  # windows that fail, and that do not, by which a score is judged in the figure
 UNJUDGED = f"No score can be judged: fewer than {FEWEST} test windows fail with every version, or all but so many."
+Assessed: TypeAlias = Mapping[tuple[str, str, int], Assessment]  # by set, score and seed
 ROW, APART = 0.42, 0.17  # inches of a version's row; distance of two scores, in rows
 CAPTION = (
     f"Failing: forecasts whose squared error is above the {100 * FAILING:.0f} % quantile of the validation set's. "
@@ -100,9 +102,9 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJo
     Study(frame(Alarm, rows), [table], lambda: _draw(assessed, labels, job, title)).save(outputs)
 
 
-def _draw(assessed: Mapping[str, Mapping], labels: Mapping[str, str], job: WindowStudyJob, title: str) -> Figure:
+def _draw(assessed: Mapping[str, Assessed], labels: Mapping[str, str], job: WindowStudyJob, title: str) -> Figure:
     """AUROC with its interval, and the share caught, of every version and score of the test set that can be judged."""
-    worth = {v: found for v, sets in assessed.items() if v != job.floor and (found := _judged(sets))}
+    worth = {v: judged for v, sets in assessed.items() if v != job.floor and (judged := _judged(sets))}
     shown = [v for v in worth if v in sorted(worth, key=lambda v: v not in job.traced)[:LINES]]
     if not shown:
         return plotting.note(UNJUDGED)
@@ -117,10 +119,10 @@ def _draw(assessed: Mapping[str, Mapping], labels: Mapping[str, str], job: Windo
                 right.axhline(row - 0.5, color="0.88", linewidth=0.6, zorder=0)
             for place, (score, look) in enumerate(looks.items()):
                 y = row + (place - (len(looks) - 1) / 2) * APART
-                if (one := worth[v].get(score)) is not None:
-                    left.plot([one.low, one.high], [y, y], color=look["color"], linewidth=1.0)
-                    left.plot([one.area], [y], **look)
-                    right.plot([100 * one.caught], [y], **look)
+                if (judged := worth[v].get(score)) is not None:
+                    left.plot([judged.low, judged.high], [y, y], color=look["color"], linewidth=1.0)
+                    left.plot([judged.area], [y], **look)
+                    right.plot([100 * judged.caught], [y], **look)
         left.axvline(0.5, **CHANCE)
         left.set(xlabel="AUROC of failing windows", xlim=(0, 1.02), ylim=(len(shown) - 0.5, -0.5))
         right.set(xlabel="failing windows with an alarm [%]", xlim=(-2, 102))
@@ -146,31 +148,37 @@ class _Worth:
     fails: str
 
 
-def _judged(sets: Mapping[tuple[str, str, int], Assessment]) -> dict[str, _Worth]:
+def _judged(sets: Assessed) -> dict[str, _Worth]:
     """By score; without those that are constant, or where too few windows fail, or too few do not."""
-    found = {}
+    worth = {}
     for score in SCORES:
-        of_seeds = [one for (name, of, _), one in sets.items() if (name, of) == ("test", score)]
-        told = [
-            one for one in of_seeds if min(one.area.failing, one.area.others) >= FEWEST and len(set(one.scores)) > 1
+        of_seeds = [assessment for (name, of, _), assessment in sets.items() if (name, of) == ("test", score)]
+        judged = [
+            assessment
+            for assessment in of_seeds
+            if min(assessment.area.failing, assessment.area.others) >= FEWEST and len(set(assessment.scores)) > 1
         ]
-        if told:
-            values, lows, highs = np.array([(one.area.value, one.area.lower, one.area.upper) for one in told]).T
+        if judged:
+            values, lows, highs = np.array(
+                [(assessment.area.value, assessment.area.lower, assessment.area.upper) for assessment in judged]
+            ).T
             mean, seeds = float(values.mean()), interval_of_seeds(values)
             below, above = (np.nan_to_num(end) for end in (mean - seeds.low, seeds.high - mean))
             low, high = mean - np.hypot(mean - lows.mean(), below), mean + np.hypot(highs.mean() - mean, above)
-            fails = f"{np.mean([one.area.failing for one in told]):.0f} of {len(told[0].failing)} fail"
-            caught = mean_of(one.caught for one in told)
-            found[score] = _Worth(mean, float(max(low, 0.0)), float(min(high, 1.0)), caught, fails)
-    return found
+            fails = (
+                f"{np.mean([assessment.area.failing for assessment in judged]):.0f} of {len(judged[0].failing)} fail"
+            )
+            caught = mean_of(assessment.caught for assessment in judged)
+            worth[score] = _Worth(mean, float(max(low, 0.0)), float(min(high, 1.0)), caught, fails)
+    return worth
 
 
 def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[tuple[str, str, int], Assessment]:
     """By set, score and seed; sets that are like the training's are no shifts, but the IID test set is with each."""
     sets = version.sets
     if refined is not None and refined.seeds == version.seeds:
-        moved = {name: one.moved for name, one in refined.sets.items() if one.moved is not None}
-        sets = {name: replace(one, expected=moved.get(name, one.expected)) for name, one in sets.items()}
+        moved = {name: windows.moved for name, windows in refined.sets.items() if windows.moved is not None}
+        sets = {name: replace(windows, expected=moved.get(name, windows.expected)) for name, windows in sets.items()}
     known, iid = sets[KNOWN], sets.get(IID)
     assessed = {}
     for name, shifted in sets.items():
@@ -179,9 +187,9 @@ def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[t
         pool = shifted if iid is None or name == IID else _pooled(shifted, iid)
         for score in SCORES:
             for k, seed in enumerate(version.seeds):
-                here, there = (_score(score, one, known, k) for one in (pool, known))
+                here, there = (_score(score, windows, known, k) for windows in (pool, known))
                 if here is not None and there is not None:
-                    errors = [_no_nan(one.errors[k]) for one in (pool, known)]
+                    errors = [_no_nan(windows.errors[k]) for windows in (pool, known)]
                     assessed[name, score, seed] = assess(here, errors[0], there, errors[1], attainable(len(there)))
     return assessed
 

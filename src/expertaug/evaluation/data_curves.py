@@ -146,7 +146,7 @@ def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: Dat
     return figure
 
 
-def _line(axis: Axes, values: Sequence[float], points: Sequence[Point], look: dict, aside: float) -> None:
+def _line(axis: Axes, values: Sequence[float], points: Sequence[Point], look: plotting.Look, aside: float) -> None:
     """Means with their intervals; what has no finite value is left out."""
     good = [point for point in points if np.isfinite(point.mean)]
     if not good:

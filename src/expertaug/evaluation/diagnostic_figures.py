@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.typing import LineStyleType
 
 from expertaug import plotting
 from expertaug.errors import InputError
@@ -18,9 +19,9 @@ from expertaug.inference.diagnostics.calibration import Calibration, area_to_cur
 from expertaug.inference.diagnostics.uniformity import Uniformity, uniformity
 
 # Told apart by hue and by dash: lines of calibrated posteriors lie on one another.
-LOOKS = tuple(
-    {"color": plotting.HUES[hue], "linestyle": dash}
-    for hue, dash in ((5, "-"), (6, (0, (4, 1.4))), (4, (0, (1.2, 1.2))), (3, "-."), (1, "-"), (2, (0, (4, 1.4))))
+_DASHES: tuple[LineStyleType, ...] = ("-", (0, (4, 1.4)), (0, (1.2, 1.2)), "-.", "-", (0, (4, 1.4)))
+LOOKS: tuple[plotting.Look, ...] = tuple(
+    {"color": plotting.HUES[hue], "linestyle": dash} for hue, dash in zip((5, 6, 4, 3, 1, 2), _DASHES, strict=True)
 )
 WHOLE = {"color": "0.1", "linestyle": "-", "linewidth": 1.0}  # all parameters at once
 IDEAL = {"color": "0.55", "linewidth": 0.7, "zorder": 1}
@@ -65,7 +66,8 @@ def draw_calibration(kinds: Mapping[str, Calibration], parameters: Sequence[str]
         labels = ("ranks: share below − level", "windows within the interval", "TARP: expected coverage")
         for axis, label in zip(grid[:, 0], labels, strict=True):
             axis.set_ylabel(label)
-        handles: list[Artist] = [Line2D([], [], label=plotting.symbol(p), **look) for p, look in _looks(parameters)]
+        handles: list[Artist] = []
+        handles += [Line2D([], [], label=plotting.symbol(p), **look) for p, look in _looks(parameters)]
         handles.append(Line2D([], [], label="all parameters at once", **WHOLE))
         handles.append(Patch(facecolor=BAND["color"], label="95 % band of a calibrated posterior"))
         plotting.legend(figure, handles)
@@ -122,7 +124,7 @@ def draw_alarm(scores: Mapping[str, Assessment], title: str = "") -> Figure:
     return figure
 
 
-def _looks(names: Sequence[str] | Mapping) -> list[tuple[str, dict]]:
+def _looks(names: Iterable[str]) -> list[tuple[str, plotting.Look]]:
     return [(name, LOOKS[k % len(LOOKS)]) for k, name in enumerate(names)]
 
 

@@ -315,6 +315,6 @@ def _ticks(linear: float, most: float) -> list[float]:
     return [*(-value for value in reversed([end, *beyond])), 0.0, end, *beyond]
 
 
-def _look(version: str, colour: object) -> dict:
+def _look(version: str, colour: plotting.Colour) -> plotting.Look:
     """A point; a square where estimates are refined."""
     return {"color": colour, "marker": plotting.marker(version), "markersize": 3.2, "linestyle": "none"}

@@ -283,7 +283,7 @@ def _plain(value: float) -> str:
     return np.format_float_positional(float(f"{value:.2g}"), trim="-").replace("-", "−")
 
 
-def _line(axis: Axes, curve: Sequence[Bin], metric: str, look: Mapping) -> None:
+def _line(axis: Axes, curve: Sequence[Bin], metric: str, look: plotting.Look) -> None:
     good = [(bin_.distance, getattr(bin_, metric)) for bin_ in curve if np.isfinite(getattr(bin_, metric).value)]
     if good:
         places, means = zip(*good, strict=True)

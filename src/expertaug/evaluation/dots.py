@@ -96,7 +96,7 @@ def _mark(name: str, colour: object, titles: Titles) -> Line2D:
     return Line2D([], [], linestyle="", label=titles.of_set(name), **look)
 
 
-def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: Mapping, floor: str | None) -> None:
+def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: plotting.Colours, floor: str | None) -> None:
     sets = order_sets(row.set for row in panel.rows)
     values = grouped(panel.rows, lambda mean: (mean.method, mean.set))
     if floor is not None and (floor, sets[-1]) in values:

@@ -170,7 +170,7 @@ class Stated:
 def open_in(stated: Stated, ranges: Mapping[str, Sequence[float]]) -> dict[str, float]:
     """Share of the windows that leave a parameter open by themselves: the 90 % interval of one is wider than half the
     range of p⁺, or, of what cannot be negative, reaches zero."""
-    found = {}
+    shares = {}
     for k, name in enumerate(stated.names):
         if stated.errors is None:
             continue
@@ -181,8 +181,8 @@ def open_in(stated: Stated, ranges: Mapping[str, Sequence[float]]) -> dict[str, 
         wide = np.zeros(len(half), bool) if ends is None else 2 * half >= TOLD * (ends[1] - ends[0])
         if name in stated.positive:
             wide |= half >= values[known]
-        found[name] = float(wide.mean()) if len(wide) else 0.0
-    return found
+        shares[name] = float(wide.mean()) if len(wide) else 0.0
+    return shares
 
 
 def summarise(
@@ -195,16 +195,16 @@ def summarise(
         left_out: parameters that are no constants, as initial speeds.
         of: how all trajectories together are called.
     """
-    found = []
+    rows = []
     count, together = stated.values.shape[1], stated.constants
     left_open = {name for name, share in open_in(stated, ranges).items() if share > MOST_OPEN}
 
-    def row(one: Pooled, name: str, unit: str, of: str, windows: int, of_windows: bool = False) -> Estimate:
-        low, high = interval(one, name in stated.positive)
+    def row(pooled: Pooled, name: str, unit: str, of: str, windows: int, of_windows: bool = False) -> Estimate:
+        low, high = interval(pooled, name in stated.positive)
         ends = ranges.get(name)
         told = None if ends is None or not np.isfinite(high - low) else high - low < TOLD * (ends[1] - ends[0])
         told = told if told is None or not of_windows else told and name not in left_open
-        numbers = (one.value, one.error, low, high, one.spread, windows, one.groups)
+        numbers = (pooled.value, pooled.error, low, high, pooled.spread, windows, pooled.groups)
         return Estimate(name, unit, of, *numbers, None if told is None else bool(told))
 
     for k, (name, unit) in enumerate(zip(stated.names, stated.units, strict=True)):
@@ -214,17 +214,17 @@ def summarise(
         known = np.isfinite(values).all(0)
         errors = None if stated.errors is None else stated.errors[..., k].astype(float)[:, known]
         values, identity = values[:, known], None if stated.identity is None else stated.identity[known]
-        own = [one for one in together if one.name == name]
-        found += [row(_pooled(one), name, unit, one.of, one.windows or count) for one in own]
+        own = [constant for constant in together if constant.name == name]
+        rows += [row(_pooled(constant), name, unit, constant.of, constant.windows or count) for constant in own]
         # Estimates that a distribution pulls scatter less than what they are of.
-        if not known.any() or any(one.of_population for one in own):
+        if not known.any() or any(constant.of_population for constant in own):
             continue
         windows, seeds = values.shape[1], values.mean(1)
         between = seeds.std(ddof=1) / np.sqrt(len(seeds)) if len(seeds) > 1 else 0.0
         if name in stated.shared:
             error = np.nan if errors is None else float(np.hypot(errors[:, 0].mean(), between))
             pooled = Pooled(float(seeds.mean()), error, np.nan, stated.shared[name])
-            found.append(row(pooled, name, unit, SHARED, windows))
+            rows.append(row(pooled, name, unit, SHARED, windows))
             continue
         mean, typical = values.mean(0), None if errors is None else errors.mean(0)
         if typical is not None and name in left_open:
@@ -232,24 +232,32 @@ def summarise(
             typical = np.full_like(typical, np.sqrt(np.square(typical).mean()))
         each = {}
         for trajectory, places in places_by_trajectory(identity, windows).items():
-            one = of_trajectory(mean[places], None if typical is None else typical[places])
-            each[trajectory] = Pooled(one.value, float(np.hypot(one.error, between)), np.nan, one.groups), len(places)
-        each |= {one.of: (_pooled(one), one.windows) for one in own}
+            centre = of_trajectory(mean[places], None if typical is None else typical[places])
+            each[trajectory] = (
+                Pooled(centre.value, float(np.hypot(centre.error, between)), np.nan, centre.groups),
+                len(places),
+            )
+        each |= {constant.of: (_pooled(constant), constant.windows) for constant in own}
         if len(each) > 1:
-            means, stds = (np.array([getattr(one, part) for one, _ in each.values()]) for part in ("value", "error"))
+            means, stds = (
+                np.array([getattr(pooled, part) for pooled, _ in each.values()]) for part in ("value", "error")
+            )
             pooled = pool(means, stds)
             error = float(np.hypot(pooled.error, between))
             of_all = Pooled(pooled.value, error, pooled.spread, pooled.groups)
-            found.append(row(of_all, name, unit, of, windows, of_windows=True))
+            rows.append(row(of_all, name, unit, of, windows, of_windows=True))
         if identity is not None:
-            done = {one.of for one in own}
-            found += [row(one, name, unit, t, n, of_windows=True) for t, (one, n) in each.items() if t not in done]
-    of_sensors = [one for one in together if one.name not in stated.names]
-    return found + [row(_pooled(one), one.name, one.unit, one.of, one.windows or count) for one in of_sensors]
+            done = {constant.of for constant in own}
+            rows += [row(pooled, name, unit, t, n, of_windows=True) for t, (pooled, n) in each.items() if t not in done]
+    of_sensors = [constant for constant in together if constant.name not in stated.names]
+    return rows + [
+        row(_pooled(constant), constant.name, constant.unit, constant.of, constant.windows or count)
+        for constant in of_sensors
+    ]
 
 
-def _pooled(one: ConstantEstimate) -> Pooled:
-    return Pooled(one.value, one.error, one.spread, one.groups)
+def _pooled(constant: ConstantEstimate) -> Pooled:
+    return Pooled(constant.value, constant.error, constant.spread, constant.groups)
 
 
 def estimates(forecasts: Sequence[Path], outputs: Sequence[Path], job: EstimatesJob) -> None:
@@ -263,8 +271,8 @@ def estimates(forecasts: Sequence[Path], outputs: Sequence[Path], job: Estimates
         InputError: a file is broken, or an output's suffix is unknown.
     """
     of_version: dict[str, list[Forecasts]] = {}
-    for one in read_forecasts(forecasts):
-        of_version.setdefault(one.identified().method, []).append(one)
+    for file in read_forecasts(forecasts):
+        of_version.setdefault(file.identified().method, []).append(file)
     rows: list[TabledEstimate] = []
     seen: set[tuple[str, str, str]] = set()  # what all windows share is the same in every set
     experiment = ""
@@ -329,9 +337,9 @@ def table(estimates: Sequence[TabledEstimate], title: str = "") -> Table:
 def draw(estimates: Sequence[TabledEstimate], job: EstimatesJob, title: str) -> Figure:
     """A panel for each parameter and a line for each estimate: 90 % interval, and paler the spread."""
     shown: dict[tuple[str, str], list[TabledEstimate]] = {}
-    for one in estimates:
-        if np.isfinite(one.value):
-            shown.setdefault((one.parameter, one.unit), []).append(one)
+    for estimate in estimates:
+        if np.isfinite(estimate.value):
+            shown.setdefault((estimate.parameter, estimate.unit), []).append(estimate)
     if not shown:
         return plotting.note(EMPTY)
     panels = {quantity: _few(rows) for quantity, rows in shown.items()}
@@ -340,34 +348,34 @@ def draw(estimates: Sequence[TabledEstimate], job: EstimatesJob, title: str) -> 
     figure = plotting.new_figure(LINE * sum(heights) + 0.9)
     every = figure.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
     for axes, (quantity, rows) in zip(every, panels.items(), strict=True):
-        for place, one in enumerate(rows):
-            look = {"color": colours[one.method], "marker": plotting.marker(one.method), "markersize": 4}
-            if np.isfinite(one.spread) and one.spread > 0:
-                ends = one.value - one.spread, one.value + one.spread
-                axes.plot(ends, (place, place), color=colours[one.method], alpha=0.25, linewidth=5)
-            if np.isfinite(one.high - one.low):
-                axes.plot((one.low, one.high), (place, place), color=colours[one.method], linewidth=1.3)
-            axes.plot(one.value, place, linestyle="none", **look)
-        axes.set_yticks(range(len(rows)), [_named(one, rows) for one in rows], fontsize=SMALL)
+        for place, estimate in enumerate(rows):
+            look = {"color": colours[estimate.method], "marker": plotting.marker(estimate.method), "markersize": 4}
+            if np.isfinite(estimate.spread) and estimate.spread > 0:
+                ends = estimate.value - estimate.spread, estimate.value + estimate.spread
+                axes.plot(ends, (place, place), color=colours[estimate.method], alpha=0.25, linewidth=5)
+            if np.isfinite(estimate.high - estimate.low):
+                axes.plot((estimate.low, estimate.high), (place, place), color=colours[estimate.method], linewidth=1.3)
+            axes.plot(estimate.value, place, linestyle="none", **look)
+        axes.set_yticks(range(len(rows)), [_named(estimate, rows) for estimate in rows], fontsize=SMALL)
         axes.set(ylim=(len(rows) - 0.4, -0.6), xlabel=_quantity(*quantity), xlim=_limits(rows, axes))
         axes.xaxis.set_major_locator(MaxNLocator(TICKS))
         axes.grid(axis="x")
     plotting.heading(figure, plotting.text(title))
     handles = [Line2D([], [], color="0.3", marker="o", markersize=4, linewidth=1.3, label="90 % interval")]
-    if any(one.spread > 0 for rows in panels.values() for one in rows):
+    if any(estimate.spread > 0 for rows in panels.values() for estimate in rows):
         words = "spread between trajectories or windows"
         handles.append(Line2D([], [], color="0.3", alpha=0.25, linewidth=5, label=words))
     plotting.legend(figure, handles)
     return figure
 
 
-def _named(one: TabledEstimate, beside: Sequence[TabledEstimate]) -> str:
+def _named(estimate: TabledEstimate, beside: Sequence[TabledEstimate]) -> str:
     """What is printed for an estimate: the version, and of what it is where there are several or the label does not
     say it."""
-    several = sum(other.method == one.method for other in beside) > 1
-    of = re.sub(r"/0$", "", one.of).replace("_", " ")  # a file of a single trajectory
-    label = plotting.text(one.label)
-    return f"{label}, {of}" if several and one.of != SHARED else label
+    several = sum(other.method == estimate.method for other in beside) > 1
+    of = re.sub(r"/0$", "", estimate.of).replace("_", " ")  # a file of a single trajectory
+    label = plotting.text(estimate.label)
+    return f"{label}, {of}" if several and estimate.of != SHARED else label
 
 
 def _quantity(name: str, unit: str) -> str:
@@ -378,16 +386,24 @@ def _quantity(name: str, unit: str) -> str:
 
 def _few(rows: list[TabledEstimate]) -> list[TabledEstimate]:
     """A parameter's estimates; without those of single trajectories where there are too many."""
-    together = {one.method for one in rows if one.of == ALL}
-    return rows if len(rows) <= MOST else [one for one in rows if one.method not in together or one.of == ALL]
+    together = {estimate.method for estimate in rows if estimate.of == ALL}
+    return (
+        rows
+        if len(rows) <= MOST
+        else [estimate for estimate in rows if estimate.method not in together or estimate.of == ALL]
+    )
 
 
 def _limits(rows: Sequence[TabledEstimate], axes: Axes) -> tuple[float, float]:
     """Of an axis: all values, and the intervals and spreads of what data tell, so that one that says nothing does not
     hide the others; as drawn where none is."""
-    told = [one for one in rows if one.told is not False]
-    ends = [one.value for one in rows]
-    ends += [end for one in told for end in (one.low, one.high, one.value - one.spread, one.value + one.spread)]
+    certain = [estimate for estimate in rows if estimate.told is not False]
+    ends = [estimate.value for estimate in rows]
+    ends += [
+        end
+        for estimate in certain
+        for end in (estimate.low, estimate.high, estimate.value - estimate.spread, estimate.value + estimate.spread)
+    ]
     ends = [end for end in ends if np.isfinite(end)]
     low, high = min(ends), max(ends)
     margin = 0.06 * (high - low)

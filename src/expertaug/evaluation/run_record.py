@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from expertaug.evaluation.costs import Cost
@@ -13,7 +14,25 @@ from expertaug.tracking import provenance
 from expertaug.tracking.log import read_log
 
 
-def of_run(results: Path, measured: Mapping[str, Cost]) -> dict[str, object]:
+@dataclass(frozen=True)
+class RunRecord:
+    """What computed a run's numbers, and what that took.
+
+    Attributes:
+        git_revisions: of the code that trained and fine-tuned, as its logs say.
+        versions, machine: of packages, and of the machine, as the process sees them that asks.
+        job_seconds: of all jobs in sum.
+        peak_memory_mb: the largest of one.
+    """
+
+    git_revisions: list[str]
+    versions: dict[str, str]
+    machine: dict[str, object]
+    job_seconds: int
+    peak_memory_mb: int
+
+
+def of_run(results: Path, measured: Mapping[str, Cost]) -> RunRecord:
     """Git revisions of the code that trained and fine-tuned, as its logs say; versions of packages and the machine, of
     the process that asks; seconds of all jobs in sum, and the largest memory of one.
 
@@ -22,13 +41,13 @@ def of_run(results: Path, measured: Mapping[str, Cost]) -> dict[str, object]:
         measured: what its jobs took.
     """
     logs = [read_log(path) for path in find(results, "log.jsonl")]
-    return {
-        "git_revisions": sorted({log.header.tags.get("git_revision", "unknown") for log in logs}),
-        "versions": provenance.versions(),
-        "machine": provenance.machine(),
-        "job_seconds": round(sum(cost.seconds for cost in measured.values())),
-        "peak_memory_mb": round(max((cost.peak_memory_mb for cost in measured.values()), default=0)),
-    }
+    return RunRecord(
+        git_revisions=sorted({log.header.tags.get("git_revision", "unknown") for log in logs}),
+        versions=provenance.versions(),
+        machine=provenance.machine(),
+        job_seconds=round(sum(cost.seconds for cost in measured.values())),
+        peak_memory_mb=round(max((cost.peak_memory_mb for cost in measured.values()), default=0)),
+    )
 
 
 def costs_table(measured: Mapping[str, Cost]) -> Table:
@@ -52,11 +71,11 @@ def duration(seconds: float) -> str:
     return f"{minutes} min {whole % 60:02d} s" if minutes else f"{whole} s"
 
 
-def provenance_table(record: Mapping, job: ReportJob, revision: str | None) -> Table:
+def provenance_table(record: RunRecord, job: ReportJob, revision: str | None) -> Table:
     """Configuration, revisions, machine and versions.
 
     Arguments:
-        record: of :func:`expertaug.evaluation.run_record.of_run`.
+        record: of :func:`of_run`.
         job: of the stage.
         revision: of the code that made the page.
     """
@@ -66,10 +85,10 @@ def provenance_table(record: Mapping, job: ReportJob, revision: str | None) -> T
             "preset, seeds, device",
             f"{job.preset}; {', '.join(map(str, job.seeds))}; {job.device}",
         ],
-        ["code that trained", ", ".join(record["git_revisions"]) or "nothing was trained"],
+        ["code that trained", ", ".join(record.git_revisions) or "nothing was trained"],
         ["code that made this page", revision or "unknown: not a git checkout"],
-        ["machine", ", ".join(f"{key} {value}" for key, value in record["machine"].items())],
-        ["packages", ", ".join(f"{name} {version}" for name, version in record["versions"].items())],
+        ["machine", ", ".join(f"{key} {value}" for key, value in record.machine.items())],
+        ["packages", ", ".join(f"{name} {version}" for name, version in record.versions.items())],
     ]
     return Table(["what", "which"], [("", rows)])
 

@@ -9,10 +9,12 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from expertaug.equation.settings import EquationSettings
+from expertaug.evaluation.products import STUDIES
 from expertaug.inference.settings import OwnWindows, ValiditySettings
 from expertaug.learning.settings import AugmentJob, FinetuneJob, LabelledJob, ModelFileJob
 from expertaug.models.settings import Refinement
-from expertaug.settings import LEFT_OUT, Count, Device, Noise, NotNegative, Range, Settings, key
+from expertaug.presets import Preset
+from expertaug.settings import LEFT_OUT, ByName, Count, Device, Noise, NotNegative, Range, Settings, key
 from expertaug.systems.settings import SolverSettings
 from expertaug.versions import MAIN_SETS
 
@@ -211,10 +213,14 @@ class StudyOptions(Settings):
     overview: str | None = key(LEFT_OUT, "set that the overview shows")
 
 
+def _studies() -> list[str]:
+    return [product.name for product in STUDIES]
+
+
 class StudyJob(FigureReading):
     """The table and the figure of a study."""
 
-    study: str = key(..., "name of the study")
+    study: Annotated[str, ByName(_studies)] = key(..., "name of the study")
     sets: dict[str, SimulatedSet] = key(dict, "the simulated sets; of measurements none")
     units: dict[str, str] = key(dict, "of the parameters of z_e and z_a that have one")
     classical: str | None = key(None, "least squares with the expert, where there is one")
@@ -360,6 +366,6 @@ class ReportJob(Settings):
     rules: list[Pair] = key(..., "each rule of the workflow with one that reads what it makes")
     experiments: list[ReportExperiment] = key(..., "of the run")
     files: list[str] = key(..., "that configure the run")
-    preset: str = key(..., "name of the preset")
+    preset: Preset = key(..., "name of the preset")
     seeds: list[int] = key(..., "of the run")
     device: Device = key(..., "where it was computed")

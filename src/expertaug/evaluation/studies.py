@@ -18,7 +18,7 @@ from expertaug.evaluation.dots import LOOKS
 from expertaug.evaluation.forecasts import read_forecasts
 from expertaug.evaluation.metrics import DIVERGED, RELATIVE_ERROR, log_mse_of, metric_of
 from expertaug.evaluation.samples import Samples
-from expertaug.evaluation.settings import StudyJob
+from expertaug.evaluation.settings import Ranges, StudyJob
 from expertaug.evaluation.summary import (
     TabledMean,
     any_of,
@@ -61,7 +61,7 @@ def width_sets(summary: Sequence[TabledMean]) -> tuple[str, str]:
     return in_domain(mean.set for mean in summary), "test"
 
 
-def by_width(priors: Mapping[str, Mapping | None]) -> list[str]:
+def by_width(priors: Mapping[str, Ranges | None]) -> list[str]:
     """Names of priors, the one of the smallest volume first; one that found its own ranges last."""
 
     def volume(name: str) -> float:
@@ -179,7 +179,7 @@ def during_training(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
     return figure
 
 
-def _line(axis: Axes, x: np.ndarray, means: Sequence[TabledMean | None], look: Mapping) -> None:
+def _line(axis: Axes, x: np.ndarray, means: Sequence[TabledMean | None], look: plotting.Look) -> None:
     """Means with their 95 % intervals as bars; what has no finite value is left out."""
     good = [(place, mean) for place, mean in zip(x, means, strict=True) if mean is not None and mean.n > 0]
     levels = [mean.mean for _, mean in good]
@@ -201,7 +201,7 @@ def _tick(distance: str, name: str, job: StudyJob) -> str:
     return "\n".join([distance, *map(str.rstrip, each)])
 
 
-def _extent(priors: Mapping[str, Mapping | None], name: str, units: Mapping[str, str]) -> str:
+def _extent(priors: Mapping[str, Ranges | None], name: str, units: Mapping[str, str]) -> str:
     """The range of a single parameter; of several the volume as a multiple of the experiment's own prior."""
     if priors[name] is None or priors[""] is None:
         return "its own"

@@ -81,7 +81,7 @@ def forecasts(
 
 
 def draw_forecasts(
-    found: Mapping[str, Forecasts], reading: FigureReading, view: View, names: Mapping[str, object]
+    found: Mapping[str, Forecasts], reading: FigureReading, view: View, names: Mapping[str, str | Path]
 ) -> Figure:
     """The figure of :func:`forecasts` from forecasts in memory; messages call them as ``names`` do."""
     methods, name = ordered(found, dict(reading.hues)), view.set
@@ -327,7 +327,7 @@ def _limits(axes: Sequence[Axes], truth: np.ndarray) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _curve(axis: Axes, logs: Sequence[Log], metric: str, look: Mapping) -> None:
+def _curve(axis: Axes, logs: Sequence[Log], metric: str, look: plotting.Look) -> None:
     """Groups of seeds of one method side by side; a long course is averaged in bins."""
     by_step: dict[int, list[float]] = {}
     for log in logs:
@@ -372,7 +372,7 @@ def _parameters_of(data: Forecasts, name: str, sample: int) -> list[str]:
     ]
 
 
-def _check_same(paths: Mapping[str, object], found: Mapping[str, Forecasts], name: str) -> None:
+def _check_same(paths: Mapping[str, str | Path], found: Mapping[str, Forecasts], name: str) -> None:
     one, first = next(iter(found.items()))
     for method, data in found.items():
         if name not in data.kept:
@@ -395,11 +395,11 @@ def _first_trained(found: Mapping[str, Forecasts]) -> int:
     return next((seed for seed in first.seeds if seed not in failed), first.seeds[0])
 
 
-def _handles(methods: Sequence[str], labels: Mapping[str, str], colours: Mapping) -> list[Line2D]:
+def _handles(methods: Sequence[str], labels: Mapping[str, str], colours: plotting.Colours) -> list[Line2D]:
     """Entries of a legend."""
     return [Line2D([], [], label=labels.get(m, m), **_look(m, colours)) for m in methods]
 
 
-def _look(version: str, colours: Mapping) -> dict:
+def _look(version: str, colours: plotting.Colours) -> plotting.Look:
     """Of a line through so many points that none is marked."""
-    return plotting.look(version, colours) | {"marker": ""}
+    return {**plotting.look(version, colours), "marker": ""}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,24 @@ COLUMNS = {
 }
 
 
+@dataclass(frozen=True)
+class OfVersion:
+    """What the check of A1 has found of a version.
+
+    Attributes:
+        label: that figures print.
+        fits: by set.
+        first: along the first expert parameter.
+        name, unit: of that parameter.
+    """
+
+    label: str
+    fits: Mapping[str, Refit]
+    first: Validity
+    name: str
+    unit: str
+
+
 def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: ValidityJob) -> None:
     """Write the table of an experiment's check of A1 and draw it along the first expert parameter.
 
@@ -63,7 +82,8 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: V
         sets.pop("validation", None)
     whole = {name: Trajectories.load(path) for name, path in sets.items()}
     known = {name: one.spread(job.validity.samples) for name, one in whole.items()}
-    rows, found, says = [], {}, []
+    rows, says = [], []
+    of_versions: dict[str, OfVersion] = {}
     for path, (version, label, fitting) in zip(models, job.versions, strict=True):
         stored = load(path, device_of(job.device), job.classes or ())
         how = stored.card.refinement or fitting  # of kind alternating, the file says it
@@ -72,10 +92,11 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: V
         fits = {name: _refit(stored, one, how, job.validity) for name, one in known.items()}
         parameters = stored.model.system.expert_parameters
         each = {p.name: _along(p.name, k, fits) for k, p in enumerate(parameters)}
-        found[version] = (label, fits, each, parameters[0].unit)
+        first = parameters[0]
+        of_versions[version] = OfVersion(label, fits, each[first.name], first.name, first.unit)
         says += [f"{label}: {one.says}." for one in each.values()]
         for name, one in fits.items():
-            limit = next(iter(each.values())).limit
+            limit = of_versions[version].first.limit
             rows.append({"method": version, "label": label, "set": name, **_numbers(one, limit)})
     if not rows:
         raise InputError("models", "none", "give a model file with an interaction model")
@@ -86,7 +107,7 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: V
     notes = [f"- {escape(line)}" for line in says]
     table = Table(header, [("", cells)], 2, (), title, CAPTION, "validity", notes=notes)
     trained = _true_range(whole["train"]) if "train" in whole else None
-    Study(long, [table], lambda: _draw(found, job, title, trained)).save(outputs)
+    Study(long, [table], lambda: _draw(of_versions, job, title, trained)).save(outputs)
 
 
 def _refit(stored: StoredModel, data: Trajectories, fitting: Refinement, how: ValiditySettings) -> Refit:
@@ -130,35 +151,37 @@ def _numbers(one: Refit, limit: float) -> dict[str, float]:
     }
 
 
-def _draw(found: Mapping, job: ValidityJob, title: str, trained: tuple[float, float] | None = None) -> Figure:
+def _draw(
+    of_versions: Mapping[str, OfVersion], job: ValidityJob, title: str, trained: tuple[float, float] | None = None
+) -> Figure:
     """χ²/n, and the change of F_a, along the first parameter: a line a version, dotted what the training windows have.
 
     Arguments:
         trained: the true range of the training set, which is shaded; None: that of its windows' estimates is.
     """
-    shown = compared(list(found))
+    shown = compared(list(of_versions))
     colours = plotting.colours(shown, dict(job.hues))
     with plotting.styled():
         figure = plotting.new_figure(3.4)
         left, right = figure.subplots(1, 2)
         ends, handles = [], []
         for version in shown:
-            label, fits, each, unit = found[version]
-            name, one = next(iter(each.items()))
-            middle = 0.5 * (one.edges[1:] + one.edges[:-1])
-            look = plotting.look(version, colours) | {"linewidth": 1.2}
-            handles.append(Line2D([], [], label=label, **look))
-            change = 100 * _binned(fits, one.edges)
-            usual = 100 * float(fits["train"].change().mean())
-            for axis, values, level in ((left, one.chi2, one.limit), (right, change, usual)):
+            here = of_versions[version]
+            along_first = here.first
+            middle = 0.5 * (along_first.edges[1:] + along_first.edges[:-1])
+            look: plotting.Look = {**plotting.look(version, colours), "linewidth": 1.2}
+            handles.append(Line2D([], [], label=here.label, **look))
+            change = 100 * _binned(here.fits, along_first.edges)
+            usual = 100 * float(here.fits["train"].change().mean())
+            for axis, values, level in ((left, along_first.chi2, along_first.limit), (right, change, usual)):
                 good = np.isfinite(values)
                 axis.plot(middle[good], values[good], **look)
                 axis.axhline(level, color=colours[version], **DOTTED)
-            ends.append(one.trained)
+            ends.append(along_first.trained)
         shaded = trained or (min(low for low, _ in ends), max(high for _, high in ends))
         for axis in (left, right):
             axis.axvspan(*shaded, color="0.92", linewidth=0, zorder=0)
-            axis.set_xlabel(plotting.quantity(name, unit))
+            axis.set_xlabel(plotting.quantity(here.name, here.unit))
             axis.xaxis.set_major_locator(MaxNLocator(5))
             axis.grid(alpha=0.4)
             plotting.plain_log(axis)

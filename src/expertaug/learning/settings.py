@@ -12,7 +12,7 @@ from expertaug.models import estimators
 from expertaug.models.estimators import EstimatorKind
 from expertaug.models.settings import PARTS as MODEL_PARTS
 from expertaug.models.settings import PartsSettings, Refinement, SystemKeys
-from expertaug.presets import ROWS, Choices
+from expertaug.presets import ROWS, Choices, Preset
 from expertaug.registry import Part, find, full_name
 from expertaug.settings import (
     LEFT_OUT,
@@ -26,6 +26,7 @@ from expertaug.settings import (
     Positive,
     Prior,
     Range,
+    Raw,
     Seeds,
     Settings,
     Share,
@@ -216,7 +217,7 @@ class LabelledJob(SeedGroupJob):
     """The same with what logs and tables call it."""
 
     label: str = key(..., "what tables print")
-    preset: str = key(..., "name of the preset")
+    preset: Preset = key(..., "name of the preset")
 
 
 class ModelFileJob(SeedGroupJob):
@@ -238,7 +239,7 @@ class MethodKeys(Settings):
         "for kind least_squares: true uses the equation that generated the simulated data, which gives a floor for "
         "methods that learn it",
     )
-    objective: str = key(LEFT_OUT, "name of the objective, or package.module:Class; left out = aphynity")
+    objective: Annotated[str, ByName(lambda: OBJECTIVES)] = key(LEFT_OUT, "name of the objective; left out = aphynity")
     known_form: bool = key(
         LEFT_OUT,
         "true = the F_a of this method has the form of the hidden term; tables and figures show it after the others",
@@ -295,6 +296,8 @@ class WindowKeys(Settings):
 
 class DataOptions(LabelledJob, WindowKeys):
     """What of the options of every way to make a model a model file says."""
+
+    WHERE: ClassVar[str] = ""  # of arguments, in memory
 
     training: Any
 
@@ -361,6 +364,8 @@ class AugmentJob(ModelFileJob):
 class FinetuneOptions(LabelledJob):
     """How a model is fine-tuned, in memory too."""
 
+    WHERE: ClassVar[str] = ""
+
     OBEYS = (*OBEYED_IN_TRAINING, "frozen", "resample", "augmented_selection")
 
     training: TrainSettings = key(..., "how it is fine-tuned")
@@ -379,7 +384,7 @@ class FinetuneJob(FinetuneOptions, ModelFileJob):
     """A fine-tuning."""
 
 
-def train_job_kind(settings: Mapping[str, object]) -> type[TrainJob] | type[UntrainedJob]:
+def train_job_kind(settings: Raw) -> type[TrainJob] | type[UntrainedJob]:
     """What job of the stage train settings are of, by the kind of their method."""
     build = settings.get("build")
     name = build.get("kind") if isinstance(build, Mapping) else None
@@ -388,7 +393,7 @@ def train_job_kind(settings: Mapping[str, object]) -> type[TrainJob] | type[Untr
     return TrainJob if kind.trains() else UntrainedJob
 
 
-def train_job(settings: Mapping[str, object]) -> TrainJob | UntrainedJob:
+def train_job(settings: Raw) -> TrainJob | UntrainedJob:
     """The job of the stage train.
 
     Raises:

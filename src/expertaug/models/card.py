@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from expertaug.models.settings import Refinement
-from expertaug.presets import Choices
+from expertaug.presets import Choices, Preset
 from expertaug.settings import LEFT_OUT, Range, Settings, disagree, key, wrong
 from expertaug.systems.settings import SolverSettings
 
@@ -109,7 +109,7 @@ class ModelCard(RecipeRecord):
     experiment: str = key(LEFT_OUT, "name of the experiment")
     method: str = key(LEFT_OUT, "name of the method's version")
     label: str = key(LEFT_OUT, "what tables print")
-    preset: str = key(LEFT_OUT, "name of the preset")
+    preset: Preset = key(LEFT_OUT, "name of the preset")
     stage: str = key(LEFT_OUT, "that made it")
     choices: Choices = key(LEFT_OUT, "rows of the preset's table")
     seeds: Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=1, max_length=MOST_SEEDS)] = key(

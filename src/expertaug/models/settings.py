@@ -31,6 +31,7 @@ from expertaug.settings import (
     wrong,
 )
 from expertaug.systems.settings import SYSTEMS, SolverSettings
+from expertaug.wording import show, suggest
 
 Module = TypeVar("Module")
 WIDEST = 2**16
@@ -332,7 +333,14 @@ PARTS = {part.name: part for part in (ENCODER, INTERACTION)}
 
 def _checked(value: dict[str, Any], kinds: Mapping[str, type[Settings]], name: str) -> dict[str, Any]:
     """Settings of a class, by its name under a key, where that is one of the package's own; others know their own."""
-    kind = kinds.get(str(value.get(name)))
+    called = value.get(name)
+    if not isinstance(called, str) or (called not in kinds and not set(".:") & set(called)):
+        raise wrong(
+            "missing" if called is None else f"found {show(called)}",
+            f"{suggest(called, kinds)}, or package.module:Class",
+            name,
+        )
+    kind = kinds.get(called)
     if kind is not None and (errors := check(kind, value, "")):
         raise wrong(errors[0].found, errors[0].remedy, errors[0].where)
     return value

@@ -18,6 +18,7 @@ from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.systems import System
 from expertaug.systems.settings import ADAMS, EVENTS, SolverSettings
 from expertaug.systems.solvers.solver import Solver
+from expertaug.wording import show, suggest
 
 __all__ = ["StoredModel", "load", "read_tensors", "restore", "save", "write_tensors"]
 
@@ -204,11 +205,14 @@ def device_of(name: str) -> torch.device:
     """auto, cpu or cuda; on the CPU one thread, since two busy jobs of one thread beat two of two.
 
     Raises:
-        InputError: cuda is asked for and torch finds none.
+        InputError: torch knows no such device, or cuda is asked for and torch finds none.
     """
     torch.set_num_threads(1)
     if name == "auto":
         name = "cuda" if torch.cuda.is_available() else "cpu"
     if name.startswith("cuda") and not torch.cuda.is_available():
         raise InputError("device", f"'{name}', and torch finds none here", "give auto or cpu")
-    return torch.device(name)
+    try:
+        return torch.device(name)
+    except RuntimeError as error:
+        raise InputError("device", f"found {show(name)}", suggest(name, ("auto", "cpu", "cuda"))) from error

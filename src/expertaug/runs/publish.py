@@ -5,26 +5,29 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import asdict
 from pathlib import Path
+from typing import TypeAlias
 
 import yaml
 from PIL import Image
 
 from expertaug.config.models import Configuration
 from expertaug.errors import InputError
-from expertaug.evaluation import costs, products, run_record
+from expertaug.evaluation import costs, run_record
 from expertaug.files import check_inside, read_json, write_json, write_text
 from expertaug.runs.record import revisions
 
 REPOSITORY = Path(__file__).parents[3]
 RECORD = "provenance.json"
+Kept: TypeAlias = Callable[[list[str]], list[str]]
 OWN = (RECORD, "config.yaml", "costs.csv")  # beside what is copied
 OF_DATA = ("data/splits.json", "data/calibration.json")  # of an experiment
 RECORDINGS = ("recordings/summary.csv", "recordings/summary.md")
 
 
-def publish(config: Configuration, folder: Path, command: str) -> None:
+def publish(config: Configuration, folder: Path, command: str, kept: Kept) -> None:
     """Replace ``folder`` by the tables and figures of the finished run of a configuration.
 
     Besides them it holds config.yaml (the completed configuration), costs.csv (seconds and peak memory of every job of
@@ -35,6 +38,7 @@ def publish(config: Configuration, folder: Path, command: str) -> None:
         config: the completed configuration of the run.
         folder: the target, which does not exist, is empty or was published before.
         command: how the run was started, for the record.
+        kept: names the tables and pictures of experiments, in the results folder.
 
     Raises:
         InputError: a figure or table of the run is missing, or the folder holds anything that was not published.
@@ -45,11 +49,11 @@ def publish(config: Configuration, folder: Path, command: str) -> None:
         for needed in (results / f"tables/{experiment}.md", results / f"figures/{experiment}_log_mse.png"):
             if not needed.exists():
                 raise InputError(needed, "no such file", "run the workflow to its end first")
-    _check_replaceable(folder, results)
+    _check_replaceable(folder, results, kept)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent, ignore_cleanup_errors=True) as name:
         new, old = Path(name) / "new", Path(name) / "old"
-        _fill(new, results, config, command)
+        _fill(new, results, config, command, kept)
         if folder.exists():
             folder.rename(old)
         try:
@@ -60,15 +64,15 @@ def publish(config: Configuration, folder: Path, command: str) -> None:
             raise
 
 
-def _check_replaceable(folder: Path, results: Path) -> None:
+def _check_replaceable(folder: Path, results: Path, kept: Kept) -> None:
     """Look whether replacing a folder destroys nothing but what an earlier publishing made.
 
     Raises:
         InputError: it is, holds or lies in something else.
     """
     remedy = "choose a folder that does not exist yet, or one that publish made"
-    for kept, name in ((Path.cwd(), "working directory"), (results, "results folder"), (REPOSITORY, "package")):
-        if Path(os.path.realpath(kept)).is_relative_to(folder):
+    for vital, name in ((Path.cwd(), "working directory"), (results, "results folder"), (REPOSITORY, "package")):
+        if Path(os.path.realpath(vital)).is_relative_to(folder):
             raise InputError(folder, f"is or contains the {name}", remedy)
     if ".git" in folder.parts:
         raise InputError(folder, "lies in a repository's .git", remedy)
@@ -84,31 +88,32 @@ def _check_replaceable(folder: Path, results: Path) -> None:
     files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()}
     if any(".git" in Path(path).parts for path in files):
         raise InputError(folder, "is or contains a repository", remedy)
-    strangers = sorted(files - set(record["files"] if isinstance(record.get("files"), list) else _published(folder)))
+    ours = record["files"] if isinstance(record.get("files"), list) else _published(folder, kept)
+    strangers = sorted(files - set(ours))
     if strangers:
         raise InputError(folder / strangers[0], "publish did not write this file and would delete it", "move it")
 
 
-def _published(folder: Path) -> list[str]:
+def _published(folder: Path, kept: Kept) -> list[str]:
     """What publishing may have made of a folder whose record, as those of before, does not list it: what would be kept
     of the experiments that its config.yaml names."""
     try:
         config = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))
-        return [*OWN, *_files(list(map(str, config["run"])))]
+        return [*OWN, *_files(list(map(str, config["run"])), kept)]
     except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
         return list(OWN)
 
 
-def _files(experiments: list[str]) -> list[str]:
+def _files(experiments: list[str], kept: Kept) -> list[str]:
     """What is copied of a run, as far as it is there, in the results folder."""
     of_data = [f"{experiment}/{file}" for experiment in experiments for file in OF_DATA]
-    return [*products.kept(experiments), *of_data, *RECORDINGS]
+    return [*kept(experiments), *of_data, *RECORDINGS]
 
 
-def _fill(new: Path, results: Path, config: Configuration, command: str) -> None:
+def _fill(new: Path, results: Path, config: Configuration, command: str, kept: Kept) -> None:
     """Copy the kept files of a run to a new folder and write its record."""
     filmed = bool(config.on_recordings)
-    for file in _files(config.run):
+    for file in _files(config.run, kept):
         if (results / file).exists() and (filmed or file not in RECORDINGS):
             (new / file).parent.mkdir(parents=True, exist_ok=True)
             copy(check_inside(results / file, results), new / file)
@@ -120,7 +125,7 @@ def _fill(new: Path, results: Path, config: Configuration, command: str) -> None
     write_text(new / "config.yaml", yaml.safe_dump(anywhere.dump(), sort_keys=False, allow_unicode=True))
     record = {
         "command": command,
-        **run_record.of_run(results, measured),
+        **asdict(run_record.of_run(results, measured)),
         "run_revisions": revisions(results),
         "files": sorted([RECORD, *(str(path.relative_to(new)) for path in new.rglob("*") if path.is_file())]),
     }

@@ -7,6 +7,7 @@ import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from expertaug.evaluation.products import OVERVIEWS, PLOTTED, STUDIES, Product
 from expertaug.stages.options import add_outputs, add_paths, add_prior, add_tracking, tracking_of
 from expertaug.stages.stage import HORIZONS, SETS, TRAINED, Stage, StageWithPrior
 from expertaug.stages.study import StudyStage
@@ -118,6 +119,10 @@ class Tabulate(Stage):
     slice = "expertaug.config.shown_settings:tabulate"
     reads = ("evaluate",)
 
+    @classmethod
+    def products(cls) -> tuple[Product, ...]:
+        return (Product("", table=True),)
+
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("metrics", type=Path, nargs="+", help=METRICS)
@@ -139,6 +144,10 @@ class Plot(Stage):
     job = "expertaug.evaluation.settings:PlotJob"
     slice = "expertaug.config.shown_settings:plot"
     reads = ("evaluate", "tabulate", *MODELS)
+
+    @classmethod
+    def products(cls) -> tuple[Product, ...]:
+        return PLOTTED
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -164,6 +173,10 @@ class Study(StudyStage):
     job = "expertaug.evaluation.settings:StudyJob"
     slice = "expertaug.config.shown_settings:study"
     reads = ("evaluate", "during_training")
+
+    @classmethod
+    def products(cls) -> tuple[Product, ...]:
+        return STUDIES
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -242,59 +255,31 @@ class Distance(_WindowStudy):
         return super().inputs(files, experiment, study) if simulated else []
 
 
-class DataCurves(StudyStage):
-    """show how errors depend on the number of trajectories and their noise"""
+class Grid(StudyStage):
+    """make the table and the figure of a sweep over hyperparameters"""
 
-    name = "data-curves"
-    code = "expertaug.evaluation.data_curves"
-    job = "expertaug.evaluation.settings:DataCurvesJob"
-    slice = "expertaug.config.shown_settings:data_curves"
-    reads = ("tabulate",)
-    title = "size and noise of the data"
-
-    @staticmethod
-    def add_arguments(parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("tables", type=Path, nargs="+", help="long table of every experiment that is a point")
-        add_outputs(parser, STUDY)
-
-    @staticmethod
-    def run(a: argparse.Namespace, job: DataCurvesJob) -> None:
-        from expertaug.evaluation.data_curves import data_curves
-
-        data_curves(a.tables, a.output, job)
-
-    @classmethod
-    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
-        asked = files.config.experiments[experiment].studies.data_curves
-        points = dict.fromkeys([*asked.samples, *asked.noise]) if asked is not None else []
-        return [files.path(f"tables/{name}_long.csv") for name in points]
-
-
-class Estimates(StudyStage):
-    """make the table and the figure of the parameters that each version states"""
-
-    name = "estimates"
-    code = "expertaug.evaluation.estimates"
-    job = "expertaug.evaluation.settings:EstimatesJob"
-    slice = "expertaug.config.shown_settings:estimates"
-    reads = ("evaluate",)
+    name = "grid"
+    code = "expertaug.evaluation.grid"
+    job = "expertaug.evaluation.settings:GridJob"
+    slice = "expertaug.config.shown_settings:grid"
+    reads = ("train",)
+    log = "grid/{experiment}"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("forecasts", type=Path, nargs="+", help=OF_ALL)
+        parser.add_argument("models", type=Path, nargs="+", help="model files of every point and group of seeds")
         add_outputs(parser, STUDY)
 
     @staticmethod
-    def run(a: argparse.Namespace, job: EstimatesJob) -> None:
-        from expertaug.evaluation.estimates import estimates
+    def run(a: argparse.Namespace, job: GridJob) -> None:
+        from expertaug.evaluation.grid import grid
 
-        estimates(a.forecasts, a.output, job)
+        grid(a.models, a.output, job)
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
-        from expertaug.config import jobs
 
-        return files.of_versions(experiment, jobs.estimating(files.config, experiment), "forecasts.npz")
+        return files.of_versions(experiment, files.config.experiments[experiment].points, "model.safetensors")
 
 
 class Validity(StudyStage):
@@ -338,104 +323,6 @@ class Validity(StudyStage):
         return files.sets(experiment, ["train", inside, "test"])
 
 
-class Equation(StudyStage):
-    """find the terms that the expert lacks"""
-
-    name = "equation"
-    code = "expertaug.evaluation.equations"
-    job = "expertaug.evaluation.settings:EquationJob"
-    slice = "expertaug.config.stage_settings:equation"
-    reads = (*SETS, *TRAINED)
-    runs_methods = True
-    runs_models = True
-    memory_mb = 4000
-    log = "equation/{experiment}"
-
-    @staticmethod
-    def add_arguments(parser: argparse.ArgumentParser) -> None:
-        text = "model files, one of each version with an expert"
-        parser.add_argument("models", type=Path, nargs="+", help=text)
-        add_paths(parser, data="folder of the sets")
-        add_outputs(parser, TABLE)
-
-    @staticmethod
-    def run(a: argparse.Namespace, job: EquationJob) -> None:
-        from expertaug.evaluation.equations import equations
-
-        equations(a.models, a.data, a.output, job)
-
-    @classmethod
-    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
-        from expertaug.config import jobs
-
-        first = files.seed_groups(experiment)[0]
-        return [files.model(experiment, version, first) for version in jobs.explained(files.config, experiment)]
-
-    @classmethod
-    def sets(cls, files: Files, experiment: str) -> list[str]:
-        return files.sets(experiment, ["train", "validation"])
-
-
-class OwnPriors(StudyStage):
-    """make the table of the ranges that p⁺ has found"""
-
-    name = "tabulate-own-prior"
-    former = ("own-priors",)
-    code = "expertaug.evaluation.own_priors"
-    job = "expertaug.evaluation.settings:OwnPriorsJob"
-    slice = "expertaug.config.shown_settings:own_priors"
-    reads = ("own_prior",)
-    title = "own p⁺"
-    log = "own_priors/{experiment}"
-
-    @staticmethod
-    def add_arguments(parser: argparse.ArgumentParser) -> None:
-        text = "what own-prior wrote, of every version and group of seeds"
-        parser.add_argument("priors", type=Path, nargs="+", help=text)
-        add_outputs(parser, TABLE)
-
-    @staticmethod
-    def run(a: argparse.Namespace, job: OwnPriorsJob) -> None:
-        from expertaug.evaluation.own_priors import own_priors
-
-        own_priors(a.priors, a.output, job)
-
-    @classmethod
-    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
-        from expertaug.config import jobs
-
-        versions = jobs.found_priors(files.config, experiment)
-        before = [files.path(f"{experiment}/data/prior.json")] if "" in versions else []
-        return [*before, *files.of_versions(experiment, [v for v in versions if v], "prior.json")]
-
-
-class Grid(StudyStage):
-    """make the table and the figure of a sweep over hyperparameters"""
-
-    name = "grid"
-    code = "expertaug.evaluation.grid"
-    job = "expertaug.evaluation.settings:GridJob"
-    slice = "expertaug.config.shown_settings:grid"
-    reads = ("train",)
-    log = "grid/{experiment}"
-
-    @staticmethod
-    def add_arguments(parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("models", type=Path, nargs="+", help="model files of every point and group of seeds")
-        add_outputs(parser, STUDY)
-
-    @staticmethod
-    def run(a: argparse.Namespace, job: GridJob) -> None:
-        from expertaug.evaluation.grid import grid
-
-        grid(a.models, a.output, job)
-
-    @classmethod
-    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
-
-        return files.of_versions(experiment, files.config.experiments[experiment].points, "model.safetensors")
-
-
 class Dissipation(StudyStage):
     """compare the power that models dissipate with the loss of energy"""
 
@@ -477,6 +364,134 @@ class Dissipation(StudyStage):
         return files.sets(experiment, MAIN_SETS)
 
 
+class Estimates(StudyStage):
+    """make the table and the figure of the parameters that each version states"""
+
+    name = "estimates"
+    code = "expertaug.evaluation.estimates"
+    job = "expertaug.evaluation.settings:EstimatesJob"
+    slice = "expertaug.config.shown_settings:estimates"
+    reads = ("evaluate",)
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("forecasts", type=Path, nargs="+", help=OF_ALL)
+        add_outputs(parser, STUDY)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: EstimatesJob) -> None:
+        from expertaug.evaluation.estimates import estimates
+
+        estimates(a.forecasts, a.output, job)
+
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        from expertaug.config import jobs
+
+        return files.of_versions(experiment, jobs.estimating(files.config, experiment), "forecasts.npz")
+
+
+class DataCurves(StudyStage):
+    """show how errors depend on the number of trajectories and their noise"""
+
+    name = "data-curves"
+    code = "expertaug.evaluation.data_curves"
+    job = "expertaug.evaluation.settings:DataCurvesJob"
+    slice = "expertaug.config.shown_settings:data_curves"
+    reads = ("tabulate",)
+    title = "size and noise of the data"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("tables", type=Path, nargs="+", help="long table of every experiment that is a point")
+        add_outputs(parser, STUDY)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: DataCurvesJob) -> None:
+        from expertaug.evaluation.data_curves import data_curves
+
+        data_curves(a.tables, a.output, job)
+
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        asked = files.config.experiments[experiment].studies.data_curves
+        points = dict.fromkeys([*asked.samples, *asked.noise]) if asked is not None else []
+        return [files.path(f"tables/{name}_long.csv") for name in points]
+
+
+class Equation(StudyStage):
+    """find the terms that the expert lacks"""
+
+    name = "equation"
+    code = "expertaug.evaluation.equations"
+    job = "expertaug.evaluation.settings:EquationJob"
+    slice = "expertaug.config.stage_settings:equation"
+    reads = (*SETS, *TRAINED)
+    runs_methods = True
+    runs_models = True
+    draws = False
+    memory_mb = 4000
+    log = "equation/{experiment}"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        text = "model files, one of each version with an expert"
+        parser.add_argument("models", type=Path, nargs="+", help=text)
+        add_paths(parser, data="folder of the sets")
+        add_outputs(parser, TABLE)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: EquationJob) -> None:
+        from expertaug.evaluation.equations import equations
+
+        equations(a.models, a.data, a.output, job)
+
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        from expertaug.config import jobs
+
+        first = files.seed_groups(experiment)[0]
+        return [files.model(experiment, version, first) for version in jobs.explained(files.config, experiment)]
+
+    @classmethod
+    def sets(cls, files: Files, experiment: str) -> list[str]:
+        return files.sets(experiment, ["train", "validation"])
+
+
+class OwnPriors(StudyStage):
+    """make the table of the ranges that p⁺ has found"""
+
+    name = "tabulate-own-prior"
+    former = ("own-priors",)
+    code = "expertaug.evaluation.own_priors"
+    job = "expertaug.evaluation.settings:OwnPriorsJob"
+    slice = "expertaug.config.shown_settings:own_priors"
+    reads = ("own_prior",)
+    product, draws = "own_priors", False
+    title = "own p⁺"
+    log = "own_priors/{experiment}"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        text = "what own-prior wrote, of every version and group of seeds"
+        parser.add_argument("priors", type=Path, nargs="+", help=text)
+        add_outputs(parser, TABLE)
+
+    @staticmethod
+    def run(a: argparse.Namespace, job: OwnPriorsJob) -> None:
+        from expertaug.evaluation.own_priors import own_priors
+
+        own_priors(a.priors, a.output, job)
+
+    @classmethod
+    def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
+        from expertaug.config import jobs
+
+        versions = jobs.found_priors(files.config, experiment)
+        before = [files.path(f"{experiment}/data/prior.json")] if "" in versions else []
+        return [*before, *files.of_versions(experiment, [v for v in versions if v], "prior.json")]
+
+
 class Compare(Stage):
     """compare experiments with the published numbers"""
 
@@ -485,6 +500,10 @@ class Compare(Stage):
     job = "expertaug.evaluation.settings:CompareJob"
     slice = "expertaug.config.shown_settings:compare"
     reads = ("evaluate",)
+
+    @classmethod
+    def products(cls) -> tuple[Product, ...]:
+        return Product("published", table=True), Product("published", table=True, of_all=True)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -507,6 +526,10 @@ class Overview(Stage):
     job = "expertaug.evaluation.settings:OverviewJob"
     slice = "expertaug.config.shown_settings:overview"
     reads = ("tabulate",)
+
+    @classmethod
+    def products(cls) -> tuple[Product, ...]:
+        return OVERVIEWS
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:

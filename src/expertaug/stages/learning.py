@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from expertaug.stages.stage import SETS, TRAINED, Stage, StageWithPrior
 if TYPE_CHECKING:
     from expertaug.inference.settings import AlternateJob, FlowJob, OwnPriorJob
     from expertaug.learning.settings import AugmentJob, FinetuneJob, TrainJob, UntrainedJob
+    from expertaug.settings import Raw
     from expertaug.systems.settings import SimulateJob
 
 
@@ -56,7 +56,7 @@ class Train(StageWithPrior):
     add_arguments = staticmethod(_add_training)
 
     @classmethod
-    def job_of(cls, a: argparse.Namespace, settings: Mapping[str, object]) -> str:
+    def job_of(cls, a: argparse.Namespace, settings: Raw) -> str:
         from expertaug.learning.settings import train_job_kind
 
         return f"{cls.job.partition(':')[0]}:{train_job_kind(settings).__name__}"
@@ -122,7 +122,7 @@ class OwnPrior(Stage):
         parser.add_argument("--calibration", type=Path, help="JSON of the expert's constants")
 
     @classmethod
-    def job_of(cls, a: argparse.Namespace, settings: Mapping[str, object]) -> str:
+    def job_of(cls, a: argparse.Namespace, settings: Raw) -> str:
         return "expertaug.inference.settings:FirstPriorJob" if a.model is None else cls.job
 
     @staticmethod

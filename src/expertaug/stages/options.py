@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ from expertaug.errors import InputError
 from expertaug.stages.prior_file import read_ranges, with_ranges
 
 if TYPE_CHECKING:
+    from expertaug.settings import Raw
     from expertaug.tracking.settings import Tracking
 
 
@@ -38,12 +38,12 @@ def add_prior(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def with_prior(a: argparse.Namespace, settings: Mapping) -> dict:
+def with_prior(a: argparse.Namespace, settings: Raw) -> Raw:
     """A stage's settings with the ranges of ``--prior`` where p⁺ finds its own."""
     return with_ranges(settings, None if a.prior is None else read_ranges(a.prior))
 
 
-def read_settings(text: str) -> dict:
+def read_settings(text: str) -> Raw:
     """A stage's settings: JSON text, or the path of a JSON or YAML file.
 
     Raises:

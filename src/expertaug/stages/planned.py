@@ -8,16 +8,16 @@ from pathlib import Path
 
 from expertaug.config import jobs, shown_settings
 from expertaug.config.models import Configuration
-from expertaug.evaluation.products import PLOTTED, PRODUCTS, Product
+from expertaug.evaluation.products import PLOTTED, Product
 from expertaug.stages import STAGES
 from expertaug.stages.files import Files
 from expertaug.stages.study import StudyStage
 from expertaug.versions import Version
 
+# Every table and figure for readers, with the stage that makes it.
+PRODUCTS = [(stage, product) for stage in STAGES.values() for product in stage.products()]
 # Studies by name, each a stage.
-STUDIES: dict[str, type[StudyStage]] = {
-    product.name: stage for product in PRODUCTS if issubclass(stage := STAGES[product.stage], StudyStage)
-}
+STUDIES: dict[str, type[StudyStage]] = {p.name: stage for stage, p in PRODUCTS if issubclass(stage, StudyStage)}
 
 
 def planned(config: Configuration) -> Iterator[tuple[str, tuple]]:
@@ -49,13 +49,13 @@ def studies(files: Files, experiment: str) -> list[str]:
 
 def study_files(files: Files, experiment: str, names: Iterable[str]) -> list[str]:
     """Tables and figures of those studies that an experiment has, after everything that they are made from."""
-    found: list[str] = []
+    made: list[str] = []
     for name in studies(files, experiment):
         if name in names:
             read = STUDIES[name].inputs(files, experiment, name)
-            found += [*files.to_files(experiment, read), *STUDIES[name].sets(files, experiment)]
-            found += [files.path(file) for file in _named(name).files(experiment)]
-    return found
+            made += [*files.to_files(experiment, read), *STUDIES[name].sets(files, experiment)]
+            made += [files.path(file) for file in _named(name).files(experiment)]
+    return made
 
 
 def products_of(files: Files, experiment: str) -> list[str]:
@@ -64,32 +64,44 @@ def products_of(files: Files, experiment: str) -> list[str]:
     names = {"", *(product.name for product in PLOTTED), *studies(files, experiment)}
     names |= {"published"} if block.evaluation.published is not None else set()
     names |= {"splits"} if block.data.source == "recordings" else set()
-    found = [
+    made = [
         file
-        for product in PRODUCTS
+        for _, product in PRODUCTS
         if product.name in names and not product.of_all
         for file in product.files(experiment)
     ]
-    return [files.path(file) for file in sorted([f"tables/{experiment}_long.csv", *found], key=dirname, reverse=True)]
+    return [files.path(file) for file in sorted([f"tables/{experiment}_long.csv", *made], key=dirname, reverse=True)]
 
 
 def products_of_all(files: Files) -> list[str]:
     """Tables and figures over all experiments of the run."""
     stages = {stage for stage, _ in planned(files.config)}
     shown = overviews(files.config)
-    found = [p for p in PRODUCTS if p.of_all and (p.name in shown if p.stage == "overview" else p.stage in stages)]
-    return [files.path(file) for product in found for file in product.files("")]
+    made = [
+        product
+        for stage, product in PRODUCTS
+        if product.of_all and (product.name in shown if stage.key() == "overview" else stage.key() in stages)
+    ]
+    return [files.path(file) for product in made for file in product.files("")]
+
+
+def kept(experiments: Iterable[str]) -> list[str]:
+    """The tables and pictures of a run, in the results folder: figures as PNG alone."""
+    named = list(experiments)
+    long = [f"tables/{experiment}_long.csv" for experiment in named]
+    of_each = [file for e in named for _, p in PRODUCTS if not p.of_all for file in p.files(e, ("png",))]
+    return [*long, *of_each, *(file for _, p in PRODUCTS if p.of_all for file in p.files("", ("png",)))]
 
 
 def overviews(config: Configuration) -> list[str]:
     """Names of the figures over all experiments."""
-    found = shown_settings.overview(config, config.run)["experiments"]
-    named = ["log_mse", "parameter_errors"] if any(block["shown"] for block in found) else []
-    return [*named, "za_shifted"] if any(block["shifted"] for block in found) else named
+    experiments = shown_settings.overview(config, config.run)["experiments"]
+    named = ["log_mse", "parameter_errors"] if any(block["shown"] for block in experiments) else []
+    return [*named, "za_shifted"] if any(block["shifted"] for block in experiments) else named
 
 
 def _named(study: str) -> Product:
-    return next(product for product in PRODUCTS if product.name == study)
+    return next(product for _, product in PRODUCTS if product.name == study)
 
 
 def _of_recordings(config: Configuration) -> Iterator[tuple[str, tuple]]:

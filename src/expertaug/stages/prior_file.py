@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 from expertaug.errors import InputError
 
+if TYPE_CHECKING:
+    from pydantic import JsonValue
+
+    from expertaug.settings import Raw
+
 OWN = "own"  # in the place of ranges
+Ranges: TypeAlias = Mapping[str, Sequence[float]]
 
 
 def read_ranges(path: Path) -> dict[str, list[float]]:
@@ -24,23 +31,19 @@ def read_ranges(path: Path) -> dict[str, list[float]]:
         raise InputError(path, f"holds no ranges of p⁺ ({error})", "make it again with own-prior") from error
 
 
-def with_ranges(settings: Mapping, ranges: Mapping | None) -> dict:
+def with_ranges(settings: Raw, ranges: Ranges | None) -> Raw:
     """Settings of a stage in which p⁺'s ranges stand where ``prior`` is to find them itself.
 
     Raises:
         InputError: they are needed and not given.
     """
 
-    def replaced(value: object) -> object:
-        if not isinstance(value, Mapping):
-            return value
-        found = {key: replaced(one) for key, one in value.items()}
-        if found.get("prior") == OWN:
+    def block(values: Raw) -> dict[str, JsonValue]:
+        inside = {name: block(value) if isinstance(value, Mapping) else value for name, value in values.items()}
+        if inside.get("prior") == OWN:
             if ranges is None:
                 raise InputError("--prior", "missing", "p⁺ is to find its own ranges: give what own-prior wrote")
-            found["prior"] = dict(ranges)
-        return found
+            inside["prior"] = {name: list(ends) for name, ends in ranges.items()}
+        return inside
 
-    found = replaced(settings)
-    assert isinstance(found, dict)
-    return found
+    return block(settings)

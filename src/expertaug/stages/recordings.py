@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from expertaug.errors import InputError
+from expertaug.evaluation.products import Product
 from expertaug.stages.options import add_outputs, add_paths
 from expertaug.stages.stage import Stage
 
@@ -365,6 +366,10 @@ class PlotSplits(Stage):
     name = "plot-splits"
     code = "expertaug_recordings.reports.splits"
     reads = ("split_chunks",)
+
+    @classmethod
+    def products(cls) -> tuple[Product, ...]:
+        return (Product("splits", figure=True),)
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from expertaug.stages.options import read_settings, with_prior
 
 if TYPE_CHECKING:
-    from expertaug.settings import Settings
+    from expertaug.config.models import Configuration
+    from expertaug.evaluation.products import Product
+    from expertaug.settings import Raw, Settings
 
 WHERE = "--settings"
 # Stages that others read.
@@ -81,12 +83,17 @@ class Stage:
         return " ".join((cls.__doc__ or "").split())
 
     @classmethod
-    def job_of(cls, a: argparse.Namespace, settings: Mapping[str, object]) -> str:
+    def products(cls) -> tuple[Product, ...]:
+        """The tables and figures that it makes for readers: targets of the workflow, and what ``publish`` keeps."""
+        return ()
+
+    @classmethod
+    def job_of(cls, a: argparse.Namespace, settings: Raw) -> str:
         """The class of its settings; a stage that has several kinds of them chooses here."""
         return cls.job
 
     @classmethod
-    def kind_of(cls, a: argparse.Namespace, settings: Mapping[str, object]) -> type[Settings]:
+    def kind_of(cls, a: argparse.Namespace, settings: Raw) -> type[Settings]:
         """What these settings are read into."""
         return _named(cls.job_of(a, settings))
 
@@ -101,7 +108,7 @@ class Stage:
         return cls.kind_of(a, settings).from_mapping(settings, WHERE)
 
     @classmethod
-    def complete(cls, a: argparse.Namespace, settings: dict[str, Any]) -> dict[str, Any]:
+    def complete(cls, a: argparse.Namespace, settings: Raw) -> Raw:
         """The settings with what other options say of them."""
         return settings
 
@@ -111,7 +118,7 @@ class Stage:
         cls.run(a, cls.read(a) if cls.job else None)
 
     @classmethod
-    def settings_of(cls, config: Mapping, *names: str | None) -> str:
+    def settings_of(cls, config: Configuration, *names: str | None) -> str:
         """One job's settings as JSON: what the workflow passes.
 
         Arguments:
@@ -152,5 +159,5 @@ class StageWithPrior(Stage):
     """A stage whose p⁺ may have found its own ranges, in a file that the command line names."""
 
     @classmethod
-    def complete(cls, a: argparse.Namespace, settings: dict[str, Any]) -> dict[str, Any]:
+    def complete(cls, a: argparse.Namespace, settings: Raw) -> Raw:
         return with_prior(a, settings)

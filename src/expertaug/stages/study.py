@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
+from expertaug.evaluation.products import Product
 from expertaug.stages.stage import Stage
 
 if TYPE_CHECKING:
@@ -14,16 +15,24 @@ class StudyStage(Stage):
     """A stage that makes a study. The workflow has one rule for all of them (``workflow/rules/studies.smk``).
 
     Attributes:
+        product: name of its table and figure; empty for the stage's own.
+        draws: whether there is a figure.
         title: that reports show; empty for the study's name.
         runs_models: whether it runs models on the sets: on the card if there is one, and its cost is measured.
         memory_mb: that its jobs ask for.
         log: where its log and its cost lie in their folders.
     """
 
+    product: ClassVar[str] = ""
+    draws: ClassVar[bool] = True
     title: ClassVar[str] = ""
     runs_models: ClassVar[bool] = False
     memory_mb: ClassVar[int] = 1000
     log: ClassVar[str] = "study/{experiment}_{study}"
+
+    @classmethod
+    def products(cls) -> tuple[Product, ...]:
+        return (Product(cls.product or cls.key(), table=True, figure=cls.draws),)
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
@@ -31,7 +40,7 @@ class StudyStage(Stage):
 
         Arguments:
             files: of the run.
-            study: its name among the products (:mod:`expertaug.evaluation.products`).
+            study: name of its table and figure.
         """
         raise NotImplementedError
 

@@ -12,7 +12,7 @@ from expertaug import registry
 from expertaug.errors import InputError
 from expertaug.measurements.names import Names
 from expertaug.systems.settings import SYSTEMS, SystemSettings
-from expertaug.wording import suggest
+from expertaug.wording import show, suggest
 
 if TYPE_CHECKING:
     from expertaug.systems.base import Parameter, System
@@ -42,6 +42,9 @@ def load(settings: SystemSettings | Mapping[str, Any]) -> System:
     """
     if isinstance(settings, SystemSettings):
         settings = settings.model_dump(exclude_unset=True) | {"name": settings.name}
+    if not isinstance(settings, Mapping) or "name" not in settings:
+        found = f"found {show(settings)}"
+        raise InputError("system", found, f"give a mapping with a name; known: {', '.join(SYSTEMS)}")
     arguments = dict(settings)
     name = str(arguments.pop("name", ""))
     cls = _class(name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping, Sequence
+from numbers import Integral, Real
 from pathlib import Path
 
 import numpy as np
@@ -76,13 +77,16 @@ def trajectories(
         InputError: a range is missing, unknown or empty; the times do not increase; n or noise is out of range.
         SolveError: a trajectory is not finite; the message has its parameters.
     """
-    t, n = np.ascontiguousarray(t, dtype=np.float64), int(n)
+    t = np.ascontiguousarray(t, dtype=np.float64)
     if t.ndim != 1 or len(t) < 2 or not np.isfinite(t).all() or np.any(np.diff(t) <= 0):
         raise InputError(
             "simulation", f"t has shape {t.shape}", "t must be finite and strictly increasing, (T,), T ≥ 2"
         )
-    if n < 1 or not 0 <= noise < np.inf:
-        raise InputError("simulation", f"n = {n}, noise = {noise:g}", "n must be at least 1, noise at least 0")
+    if not (isinstance(n, Integral) and n > 0 and isinstance(noise, Real) and 0 <= noise < np.inf):
+        raise InputError("simulation", f"n = {n}, noise = {noise}", "n must be at least 1, noise at least 0")
+    if not isinstance(seed, Integral) or seed < 0:
+        raise InputError("seed", f"found {seed!r}", "give a whole number from 0 on")
+    n = int(n)
     generator = torch.Generator().manual_seed(_seed_of(int(seed), name))
     expert = uniform(system.expert_parameters, z_e, n, generator)
     interaction = uniform(system.interaction_parameters, z_a or {}, n, generator)

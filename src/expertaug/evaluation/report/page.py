@@ -77,16 +77,18 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
         InputError: a table, a figure or a caption is missing or broken.
     """
     results, numbers = Path(results), Numbers()
-    shown = [Shown(one.path, one.caption, one.wildcards, one.title) for one in job.shown]
+    shown = [Shown(file.path, file.caption, file.wildcards, file.title) for file in job.shown]
     experiments = [
-        (tables.read_long(check_inside(results / f"tables/{one.name}_long.csv", results)), one)
-        for one in job.experiments
+        (tables.read_long(check_inside(results / f"tables/{experiment.name}_long.csv", results)), experiment)
+        for experiment in job.experiments
     ]
     dashboard = Dashboard(tracking_of_run(results))
     table = headline.table(experiments)
-    links = dashboard.of_several(table, {headline.part(one): (one.name, long) for long, one in experiments})
+    links = dashboard.of_several(
+        table, {headline.part(experiment): (experiment.name, long) for long, experiment in experiments}
+    )
     first = numbers.table("Headline numbers", headline.CAPTION, table, links=links)
-    sections = [(OVERALL, _blocks(numbers, [one for one in shown if _room(one) == OVERALL], results, job))]
+    sections = [(OVERALL, _blocks(numbers, [file for file in shown if _room(file) == OVERALL], results, job))]
     for long, experiment in experiments:
         own = [s for s in shown if s.experiment == experiment.name and s.stem != experiment.name]
         caption = next((s.text(job.preset) for s in shown if s.stem == experiment.name), "")
@@ -98,18 +100,17 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
     sections.append((RECORDINGS, _blocks(numbers, [s for s in shown if _room(s) == RECORDINGS], results, job)))
     measured = costs.of_run(results / "logs")
     record = run_record.of_run(results, measured)
-    titles, notice = _without_notice([one.of_experiment(one.name) for _, one in experiments])
+    titles, notice = _without_notice([experiment.of_experiment(experiment.name) for _, experiment in experiments])
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     page = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
         title=f"Results of {', '.join(titles)}",
         notice=notice,
-        sentences=[headline.sentence(*one) for one in experiments],
+        sentences=[headline.sentence(*part) for part in experiments],
         headline=first,
         linked=bool(first.links),
         served=dashboard.command,
         sections=[(title, blocks) for title, blocks in sections if blocks],
         costs=run_record.costs_table(measured) if measured else None,
-        record=record,
         provenance=run_record.provenance_table(record, job, provenance.revision()),
         graph=drawing(job.rules),
     )
@@ -137,7 +138,7 @@ def _of_experiment(
         shown.append(("Gains", f"{GAINS.partition(' bold')[0]} {STAR}: significant.", gained))
     if worst := tables.worst_seeds(long, experiment):
         shown.append(("Worst seeds", WORST, worst))
-    blocks = [numbers.table(*one, links=dashboard.of(one[2], experiment.name, long)) for one in shown]
+    blocks = [numbers.table(*block, links=dashboard.of(block[2], experiment.name, long)) for block in shown]
     more = tables.further(long, experiment)
     if more.size:
         said = f"All other metrics, of the same runs as {blocks[0].name}."
@@ -155,43 +156,45 @@ def _blocks(
 ) -> list[Block]:
     """Figures, each with its table below it, folded or not, and then tables that have no figure."""
     blocks: list[Block] = []
-    of_figures = {one.stem: one for one in shown if not one.is_figure}
-    for one in sorted(shown, key=lambda one: not one.is_figure):
-        if one.is_figure:
-            figure = numbers.figure(one.title, one.text(job.preset), one.picture(results), "recording" in one.wildcards)
+    of_figures = {file.stem: file for file in shown if not file.is_figure}
+    for file in sorted(shown, key=lambda file: not file.is_figure):
+        if file.is_figure:
+            figure = numbers.figure(
+                file.title, file.text(job.preset), file.picture(results), "recording" in file.wildcards
+            )
             blocks.append(figure)
-            if one.stem in of_figures:
-                said = f"The numbers of {figure.name}, means over seeds; every digit is in {of_figures[one.stem].csv}."
-                blocks.append(_table(numbers, of_figures[one.stem], results, job, said, experiment, folded))
-        elif one.stem not in {block.stem for block in shown if block.is_figure}:
-            blocks.append(_table(numbers, one, results, job, one.text(job.preset), experiment))
+            if file.stem in of_figures:
+                said = f"The numbers of {figure.name}, means over seeds; every digit is in {of_figures[file.stem].csv}."
+                blocks.append(_table(numbers, of_figures[file.stem], results, job, said, experiment, folded))
+        elif file.stem not in {block.stem for block in shown if block.is_figure}:
+            blocks.append(_table(numbers, file, results, job, file.text(job.preset), experiment))
     return blocks
 
 
 def _table(
     numbers: Numbers,
-    one: Shown,
+    file: Shown,
     results: Path,
     job: ReportJob,
     caption: str,
     experiment: ReportExperiment | None,
     folded: bool = False,
 ) -> Block:
-    path = check_inside(results / one.csv, results)
-    if one.stem == "published":
+    path = check_inside(results / file.csv, results)
+    if file.stem == "published":
         table = tables.published(path, {e.name: e.of_experiment(e.name) for e in job.experiments})
         caption += " Methods that were not run are left out."
-    elif _room(one) == RECORDINGS:
+    elif _room(file) == RECORDINGS:
         table = tables.recordings(path)
-    elif experiment is not None and one.stem == f"{experiment.name}_{ESTIMATES}":
+    elif experiment is not None and file.stem == f"{experiment.name}_{ESTIMATES}":
         table = tables.stated(path)
     else:
         table = tables.of_file(path, experiment or Reading())
-    return numbers.table(one.title, caption, table, folded)
+    return numbers.table(file.title, caption, table, folded)
 
 
-def _room(one: Shown) -> str | None:
+def _room(file: Shown) -> str | None:
     """The section of what is not of one experiment."""
-    if one.experiment is not None:
+    if file.experiment is not None:
         return None
-    return RECORDINGS if one.path.startswith("recordings/") else OVERALL
+    return RECORDINGS if file.path.startswith("recordings/") else OVERALL
