@@ -1,5 +1,6 @@
 """From a learned term to an equation: known truths are found, and what is found can be used, written and read."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,25 @@ def test_friction_is_found_and_nothing_else(seed):
     assert one.value == pytest.approx(-train.z_a.mean(), abs=2 * one.error) and one.error < 0.05
     assert one.spread == pytest.approx(train.z_a.std(), abs=0.05)
     assert one.verdict == "law"
+
+
+@pytest.mark.filterwarnings("error:Mean of empty slice")
+def test_the_drag_is_found_where_nobody_measured_the_speed():
+    ranges = {"k": (4.0, 4.0)}, {"c": (0.12, 0.12)}
+    train, validation = (
+        _without_speed(ea.simulate(Spring(), *ranges, n=8, t=T, noise=NOISE, seed=3, name=name))
+        for name in ("train", "validation")
+    )
+    ranges = {"prior": {"k": (2.0, 8.0)}, "start": {"v": (-8.0, 8.0)}}
+    model = fitted(train, Spring(), units={"k": "shared"}, **ranges)
+    found = ea.explain(model, train, validation, by_hand=["v: v"])
+    (one,) = found.coefficients
+    assert str(one.term) == "v: abs(v)*v"
+    assert one.value == pytest.approx(-0.12, abs=4 * one.error) and one.error < 0.01
+
+
+def _without_speed(data):
+    return replace(data, mask=np.broadcast_to([True, False], data.y.shape))
 
 
 def test_no_term_is_a_candidate():
