@@ -322,8 +322,8 @@ class Search:
         return Guess(z_e, y0)
 
     def _with_fitted(self, data: Trajectories) -> Trajectories:
-        """The set with what nobody measured as fits of its windows have it: terms of a speed have a size although angles
-        alone were measured."""
+        """The set with what nobody measured as fits of its windows have it: terms of a speed have a size although only
+        angles were measured."""
         if data.mask is None or data.mask.all():
             return data
         windows = self._windows(data)

@@ -96,8 +96,8 @@ class Candidates:
 
 
 def _scaled(equations: NormalEquations, own: int) -> NormalEquations:
-    """The same with coordinates in units of what tells them, the first ``own`` window by window: what rounding leaves of
-    two terms that say the same is then little, and precise data tell others apart that are nearly alike."""
+    """The same with coordinates in units of what tells them, the first ``own`` window by window: rounding then leaves
+    little of two terms that say the same, and precise data tell others apart that are nearly alike."""
     each = equations.curvature.diagonal(dim1=1, dim2=2)
     told = torch.cat((each[:, :own], each[:, own:].sum(0).expand(len(each), -1)), dim=1)
     unit = torch.where(told > 0, told, 1.0).rsqrt()
