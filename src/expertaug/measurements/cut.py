@@ -33,6 +33,7 @@ from expertaug.measurements.trajectory import WHERE, read
 from expertaug.trajectories import Trajectories
 
 logger = logging.getLogger(__name__)
+FEW_LOST = 0.01  # of the rows that no chunk can hold, which is not told
 BLOCK = 2**17  # points of chunks that are looked at together
 
 
@@ -95,6 +96,23 @@ class Measured:
         """Columns that are not the slope of the column whose rate of change they are
         (:mod:`expertaug.measurements.slopes`)."""
         return slopes_off(self.settings, list(self.names.state), self.grid.series, self.names.rates)
+
+    def told_short(self) -> str:
+        """What is said of rows that no chunk can hold, whatever the split; else empty."""
+        span, total, lost = (self.settings.length - 1) * self.grid.step + 1, 0, 0
+        for one in self.grid.series:
+            measured_rows = (one.row >= 0) & np.isfinite(one.y).any(1)
+            total += int(measured_rows.sum())
+            lost += sum(int(measured_rows[a:b].sum()) for a, b in stretches(one.usable) if b - a < span)
+        if lost <= FEW_LOST * total:
+            return ""
+        where = f"stretches shorter than the {self.settings.length} points of a chunk, so that none holds them"
+        return f"{lost} of {total} rows lie in {where}: give a larger longest_gap, or a smaller length"
+
+    def warn_of_short(self) -> None:
+        """Tell of rows that no chunk can hold."""
+        if said := self.told_short():
+            logger.warning("%s", said)
 
     def shares_seen(self) -> dict[str, float]:
         """In what share of the rows each component with a column was measured."""
