@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,9 @@ import torch
 
 import expertaug as ea
 from expertaug.equation.library import library, rates_of
+from expertaug.equation.result import Found
+from expertaug.equation.selection import Tried
+from expertaug.equation.shooting import Formula
 from expertaug.errors import InputError
 from expertaug.models.card import LatentRecord
 from expertaug.models.hybrid import build_decoder
@@ -341,3 +345,13 @@ def test_a_speed_that_is_not_the_angles_slope_is_told(gain, caplog):
     caplog.clear()
     ea.explain(model, *sets, only=["omega: omega"])
     assert ("of the slope of theta" in caplog.text) == (gain != 1.0)
+
+
+@pytest.mark.parametrize(("criterion", "called"), [(-240.0, True), (-3.0, False)])
+def test_what_few_validation_windows_do_not_tell_is_not_denied(criterion, called):
+    formulas = Formula(), Formula((ea.Term("v", "v"),), (True,))
+    fits = [SimpleNamespace(formula=f, criterion=c) for f, c in zip(formulas, (0.0, criterion), strict=True)]
+    tried = tuple(Tried(fit, np.array([1e-5, 2e-5]), "direct", np.inf) for fit in fits)
+    found = Found((), {}, (), tried, ("v: v",), np.nan, None)
+    assert found.says.startswith("no term: the expert alone is as good")
+    assert ("of 2 validation windows" in found.says) == ("call for v: v" in found.says) == called
