@@ -136,6 +136,7 @@ def measured(settings: MeasurementSettings, names: Names, tables: Mapping[Path, 
     for one in grid.series:
         for name in settings.angles:
             _unwrap(one.y, list(names.state).index(name))
+        _fill_constants(one, [k for k, name in enumerate(names.inputs) if name in names.constant])
     noise = _noise(grid)
     steps = _steps(grid, noise)
     return Measured(files, names, settings, grid, np.fmax(noise, steps / math.sqrt(12)), resolution=steps)
@@ -156,6 +157,15 @@ def _steps(grid: Grid, noise: np.ndarray) -> np.ndarray:
         if step is not None and not noise[k] >= step / math.sqrt(12):
             found[k] = step
     return found
+
+
+def _fill_constants(one: Series, places: Sequence[int]) -> None:
+    """Give covariates, at their places among the inputs, the one value that a trajectory's rows have of each, at all of
+    its points, in place; one that changes stays as it is, and is refused."""
+    for k in places:
+        known = np.unique(one.rows.u[np.isfinite(one.rows.u[:, k]), k])
+        if len(known) == 1:
+            one.u[:, k] = known[0]
 
 
 def _unwrap(y: np.ndarray, k: int) -> None:
