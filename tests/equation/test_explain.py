@@ -1,6 +1,8 @@
 """From a learned term to an equation: known truths are found, and what is found can be used, written and read."""
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +10,9 @@ import torch
 
 import expertaug as ea
 from expertaug.equation.library import library, rates_of
+from expertaug.equation.result import Found
+from expertaug.equation.selection import Tried
+from expertaug.equation.shooting import Formula
 from expertaug.errors import InputError
 from expertaug.models.card import LatentRecord
 from expertaug.models.hybrid import build_decoder
@@ -49,6 +54,58 @@ def test_friction_is_found_and_nothing_else(seed):
     assert one.value == pytest.approx(-train.z_a.mean(), abs=2 * one.error) and one.error < 0.05
     assert one.spread == pytest.approx(train.z_a.std(), abs=0.05)
     assert one.verdict == "law"
+
+
+@pytest.mark.filterwarnings("error:Mean of empty slice")
+def test_the_drag_is_found_where_nobody_measured_the_speed():
+    ranges = {"k": (4.0, 4.0)}, {"c": (0.12, 0.12)}
+    train, validation = (
+        _without_speed(ea.simulate(Spring(), *ranges, n=8, t=T, noise=NOISE, seed=3, name=name))
+        for name in ("train", "validation")
+    )
+    ranges = {"prior": {"k": (2.0, 8.0)}, "start": {"v": (-8.0, 8.0)}}
+    model = fitted(train, Spring(), units={"k": "shared"}, **ranges)
+    found = ea.explain(model, train, validation, by_hand=["v: v"])
+    (one,) = found.coefficients
+    assert str(one.term) == "v: abs(v)*v"
+    assert one.value == pytest.approx(-0.12, abs=4 * one.error) and one.error < 0.01
+
+
+class Glider(System):
+    """A glider on an air track that is not quite level; its true motion has a quadratic drag, too."""
+
+    state = (Parameter("x", "m"), Parameter("v", "m/s"))
+    expert_parameters = (Parameter("a", "m/s²", positive=False, scale=0.1),)
+    interaction_parameters = (Parameter("c", "1/m"),)
+
+    def expert(self, t, y, z_e):
+        return torch.stack((y[..., 1], z_e[..., 0] + 0 * y[..., 1]), dim=-1)
+
+    def truth(self, t, y, z_e, z_a):
+        drag = z_a[..., 0] * y[..., 1].abs() * y[..., 1]
+        return self.expert(t, y, z_e) - torch.stack((torch.zeros_like(drag), drag), dim=-1)
+
+    def sample_initial_state(self, n, generator):
+        v = -0.6 + 1.6 * torch.rand(n, generator=generator, dtype=torch.float64)
+        return torch.stack((torch.zeros_like(v), v), dim=-1)
+
+
+def test_precise_data_tell_a_drag_that_each_windows_own_constants_nearly_make_up_for():
+    """A parabola of a glider's own follows three seconds of drag to a millimetre or two, which its sensor sees."""
+    t, ranges = np.arange(31) * 0.1, ({"a": (0.08, 0.08)}, {"c": (0.15, 0.15)})
+    train, validation = (
+        _without_speed(ea.simulate(Glider(), *ranges, n=12, t=t, noise=5e-4, name=name))
+        for name in ("train", "validation")
+    )
+    how = {"prior": {"a": (-0.5, 0.5)}, "start": {"v": (-2.0, 2.0)}, "noise": 5e-4}
+    found = ea.explain(ea.least_squares(Glider(), train, observed_s=1.5, **how), train, validation)
+    (one,) = found.coefficients
+    assert str(one.term) == "v: abs(v)*v"
+    assert one.value == pytest.approx(-0.15, abs=4 * one.error) and one.error < 0.02
+
+
+def _without_speed(data):
+    return replace(data, mask=np.broadcast_to([True, False], data.y.shape))
 
 
 def test_no_term_is_a_candidate():
@@ -288,3 +345,13 @@ def test_a_speed_that_is_not_the_angles_slope_is_told(gain, caplog):
     caplog.clear()
     ea.explain(model, *sets, only=["omega: omega"])
     assert ("of the slope of theta" in caplog.text) == (gain != 1.0)
+
+
+@pytest.mark.parametrize(("criterion", "called"), [(-240.0, True), (-3.0, False)])
+def test_what_few_validation_windows_do_not_tell_is_not_denied(criterion, called):
+    formulas = Formula(), Formula((ea.Term("v", "v"),), (True,))
+    fits = [SimpleNamespace(formula=f, criterion=c) for f, c in zip(formulas, (0.0, criterion), strict=True)]
+    tried = tuple(Tried(fit, np.array([1e-5, 2e-5]), "direct", np.inf) for fit in fits)
+    found = Found((), {}, (), tried, ("v: v",), np.nan, None)
+    assert found.says.startswith("no term: the expert alone is as good")
+    assert ("of 2 validation windows" in found.says) == ("call for v: v" in found.says) == called

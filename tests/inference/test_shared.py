@@ -219,3 +219,13 @@ def test_steps_that_are_too_coarse_for_the_noise_are_told(caplog, substeps, coar
         model.estimate(part.seen[:, : model.observed], part.t[: model.observed])
     told = [line for line in caplog.messages if "steps are too coarse" in line]
     assert len(told) == coarse and all("{substeps: " in line for line in told)
+
+
+def test_coarse_steps_are_told_once_and_not_of_each_trajectory(caplog):
+    data = swings(6)
+    part = replace(data, t=data.t[::8], y=data.y[:, ::8], id=np.array([f"p{k}/0" for k in range(6)]))
+    how = {"observed_s": 4.8, "prior": PRIOR, "noise": NOISE, "units": {"omega0": "trajectory"}}
+    model = ea.least_squares(Rubbed(), part, **how)
+    caplog.clear()
+    model.estimates(part)
+    assert len([line for line in caplog.messages if "steps are too coarse" in line]) == 1

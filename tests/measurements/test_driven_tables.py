@@ -56,6 +56,17 @@ def test_a_chunk_that_lacks_an_input_is_left_out(truth, tmp_path):
     assert len(shorter) == 2 * len(truth) - 1
 
 
+def test_a_covariate_is_known_at_all_times_of_its_trajectory(truth, tmp_path):
+    """Its cells may be empty, and points without a row have none."""
+    weight = np.repeat(1.0 + np.arange(len(truth)), len(T))
+    weight[np.tile(np.arange(len(T)) > 0, len(truth))] = np.nan
+    settings = COLUMNS | {"inputs": COLUMNS["inputs"] | {"mass": "mass"}}
+    file = str(written(tmp_path, truth, mass=weight))
+    found = ea.read_measurements(file, Weighed(), length=41, **settings)
+    assert len(found) == len(truth)
+    assert (found.u[..., 1] == 1.0 + np.arange(len(truth))[:, None]).all()
+
+
 def test_between_uneven_rows_they_are_straight_lines(truth, tmp_path):
     kept = np.tile(np.arange(len(T)) % 3 != 1, len(truth))
     trial, t = np.repeat(np.arange(len(truth)), len(T)), np.tile(T, len(truth))

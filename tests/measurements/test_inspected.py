@@ -67,3 +67,35 @@ def test_one_bad_cell_is_told_and_changes_no_columns_meaning(tmp_path, capsys, r
     assert main(["inspect-data", str(path), "--output", str(tmp_path / "seen.png")]) == 2
     told = capsys.readouterr().err
     assert message in told and len(told.strip().splitlines()) == 1
+
+
+KINETICS = """
+import torch
+from expertaug.systems import Parameter, System
+
+class Kinetics(System):
+    state = (Parameter("gut", "mg"), Parameter("conc", "mg/L"))
+    expert_parameters = (Parameter("k", "1/s"),)
+
+    def expert(self, t, y, z_e):
+        taken = z_e[..., 0] * y[..., 0]
+        return torch.stack((-taken, taken), dim=-1)
+"""
+
+
+@pytest.mark.parametrize(("dose", "used"), [("Dose (mg)", False), ("gut (mg)", True)])
+def test_a_dose_that_every_row_repeats_is_no_motion(tmp_path, monkeypatch, capsys, dose, used):
+    (tmp_path / "a_drugs").mkdir()
+    (tmp_path / "a_drugs" / "kinetics.py").write_text(KINETICS)
+    monkeypatch.syspath_prepend(tmp_path)
+    rows = [(s, 10 + s, k, (10 + s) * (1 - 0.8**k)) for s in range(6) for k in range(20)]
+    path = tmp_path / "doses.csv"
+    np.savetxt(path, rows, delimiter=",", header=f"subject,{dose},t,serum (mg/L)", comments="", fmt="%.6g")
+    given = ["--system", "a_drugs.kinetics", "--trajectory", "subject", "--output", str(tmp_path / "seen.png")]
+    assert main(["inspect-data", str(path), *given]) == 0
+    told = capsys.readouterr().out
+    columns = yaml.safe_load(told)["experiments"]["measured"]["data"]["files"]["columns"]
+    assert ("gut" in columns) == used, "only its name says that it is the component"
+    assert "the same in all rows of a trajectory" in told
+    assert columns.get("conc", {"name": "serum (mg/L)"})["name"] == "serum (mg/L)"
+    assert ("leave the other cells empty" in told) == used

@@ -82,3 +82,22 @@ def test_a_solver_at_their_own_times_finds_the_frequency(rows):
 def test_a_grid_that_is_too_coarse(rows, step_s, told):
     with pytest.raises(InputError, match=told):
         measured(own(rows[0], step_s=step_s, length=41), NAMES)
+
+
+def test_rows_that_no_chunk_can_hold_are_told(rows, caplog):
+    """The last sample, a day after the others, is alone behind a gap that ends a stretch."""
+    path, every = rows
+    trials = sorted(set(every["trial"]))
+    late = np.array([[one, 10 * every["t"].max(), 0.1, 0.0] for one in trials])
+    longer = {name: np.concatenate((of, late[:, k])) for k, (name, of) in enumerate(every.items())}
+    longer = table(path.parent / "late.csv", longer)
+    given = {"columns": {"theta": "angle", "omega": "speed"}, "trajectory": "trial", "uneven": "own", "step_s": FINE}
+    ea.read_measurements(path, ea.DampedPendulum(), **given, length=101)
+    assert not caplog.records
+    ea.read_measurements(path, ea.DampedPendulum(), **given, length=801)
+    (said,) = caplog.messages
+    assert "rows lie in stretches shorter than the 801 points" in said and "longest_gap" in said
+    data = measured(own(longer, length=101), NAMES)
+    assert not data.told_short(), "one row in a hundred and sixty is not worth a word"
+    data = measured(own(longer, length=401, longest_gap=20), NAMES)
+    assert not data.told_short()

@@ -75,4 +75,5 @@ def _read(
     defaults |= {"paths": [fspath(path) for path in several], "columns": dict(columns), "length": length}
     data = measured(MeasurementSettings.from_mapping(defaults), systems.names(system))
     data.warn_of_slopes()
+    data.warn_of_short()
     return data

@@ -15,6 +15,7 @@ from expertaug.models.store import StoredModel
 from expertaug.models.terms import Term, latex_name, rounded
 from expertaug.systems import System
 
+DECISIVE = 10.0  # by which the training windows' information criterion speaks for a formula (Kass & Raftery 1995)
 MOVED = 3.0  # standard errors: a constant that moves by more is none
 LAW, CORRECTION = "law", "correction, not law"
 
@@ -112,7 +113,20 @@ class Found:
     @property
     def says(self) -> str:
         """The coefficients ± their standard errors, a line each, and whether they are laws."""
-        return "\n".join(map(str, self.coefficients)) or "no term: the expert alone is as good"
+        return "\n".join(map(str, self.coefficients)) or f"no term: the expert alone is as good{self._called_for}"
+
+    @property
+    def _called_for(self) -> str:
+        """What is said where the training windows clearly speak for a formula that few validation windows do not tell
+        from the expert alone; else empty."""
+        alone = next(one for one in self.tried if not one.formula.terms)
+        near = [one for one in self.tried if str(one.formula) in self.ties]
+        near = [one for one in near if one.fit.criterion < alone.fit.criterion - DECISIVE]
+        if not near:
+            return ""
+        best = min(near, key=lambda one: one.fit.criterion)
+        windows = f"in forecasts of {len(alone.errors)} validation windows, within one standard error"
+        return f" {windows}; the training windows call for {best.formula}: give more for validation"
 
     @property
     def text(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -116,6 +116,7 @@ class Search:
         self.free_start = bool(settings.free_start if "free_start" in given else self.noisy)
         self.samples = [Sample.of(data, self.observed) for data in (train, validation)]
         self.guesses = [self._guess(data) for data in (train, validation)]
+        self.states = self._with_fitted(train)
 
     def candidates(self, options: Options) -> list[Term]:
         """The library and what options say of it."""
@@ -124,7 +125,7 @@ class Search:
             raise InputError("components", f"names '{unknown[0]}'", f"known: {', '.join(names)}")
         terms = options.only
         if terms is None:
-            terms = tuple(library(self.system, self.train, self._rates_with_terms(options), options.by_parameters))
+            terms = tuple(library(self.system, self.states, self._rates_with_terms(options), options.by_parameters))
         return list(dict.fromkeys([*terms, *options.extra]))
 
     def _rates_with_terms(self, options: Options) -> list[str]:
@@ -320,6 +321,18 @@ class Search:
         z_e, y0 = (v.cpu().double().nan_to_num().median(dim=0, keepdim=True).values for v in (found.z_e, found.y0))
         return Guess(z_e, y0)
 
+    def _with_fitted(self, data: Trajectories) -> Trajectories:
+        """The set with what nobody measured as fits of its windows have it: terms of a speed have a size although only
+        angles were measured."""
+        if data.mask is None or data.mask.all():
+            return data
+        windows = self._windows(data)
+        found = self.predictor.estimate(windows.until(self.observed))
+        states = self.predictor.predicted(found, windows.observed(self.observed), self.stored.solver)
+        fitted = states.cpu().median(dim=1).values.movedim(0, 1).numpy()
+        y = np.where(data.mask, data.y, fitted)
+        return replace(data, y=y, mask=np.isfinite(y))
+
     def _windows(self, data: Trajectories) -> Windows:
         return Windows.of(data, self.stored.device).expand(len(self.stored.seeds)).contiguous()
 
@@ -327,7 +340,7 @@ class Search:
         """Typical size of each term's coefficient: of the rate over that of the term, at the training windows."""
         for term in (*terms, *hand):
             term.check(self.system)
-        y = torch.from_numpy(self.train.seen).double()
+        y = torch.from_numpy(self.states.seen).double()
         z_e = self.guesses[0].z_e[0].unsqueeze(1).expand(-1, y.shape[1], -1)
         u = None if self.train.u is None else torch.from_numpy(self.train.u).double()
         good = ~torch.isnan(y.flatten(2)).any(-1)
@@ -341,7 +354,7 @@ class Search:
 
     def _rates(self) -> Tensor:
         """Root mean square of each component's rate over the training windows, (K,)."""
-        y = torch.from_numpy(self.train.seen).double()
+        y = torch.from_numpy(self.states.seen).double()
         step = torch.from_numpy(np.diff(self.train.t)).view(1, -1, *[1] * (y.dim() - 2))
         rate = (y.diff(dim=1) / step).square().movedim(2, 0).flatten(1)
         return rate.nanmean(1).nan_to_num(1.0).clamp_min(1e-12).sqrt()

@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 BEAM = 3  # of the most promising further terms that are tried through the solver
 PATIENCE = 3  # terms that make validation forecasts no better, after which none is added
 ROUNDS = 3  # of exchanges
-SAME = 1e-4  # of a term's curvature that is left once others are fitted: below it they say the same
+SAME = 1e-6  # of a term's curvature that is left once others are fitted: below it they say the same
 SIGNIFICANT = 3.0  # standard errors of a coefficient, below which the training windows do not call for its term
 TINY = 1e-9  # of F_a's square: what is left then is rounding
 
@@ -75,9 +75,7 @@ class Candidates:
         held = [k for k, shared in self.base if shared]
         new = [k for _, k in self.terms]
         chosen = [*own, *held, *new]
-        part = NormalEquations(
-            self.equations.cost, self.equations.curvature[:, chosen][:, :, chosen], self.equations.slope[:, chosen]
-        )
+        part = _scaled(self.equations.of(chosen), len(own))
         places = list(range(len(own), len(chosen)))
         curvature, slope, *_ = eliminated(part, places, 0.0)
         raw = part.curvature.diagonal(dim1=1, dim2=2)[:, places]
@@ -95,6 +93,16 @@ class Candidates:
         of_each = torch.where(known, slope[:, count:].square() / each.clamp_min(1e-30), 0.0).sum(0)
         found = [(float(of_all[k]), term, True) for k, (term, _) in enumerate(self.terms)]
         return found + [(float(of_each[k]), term, False) for k, (term, _) in enumerate(self.terms)]
+
+
+def _scaled(equations: NormalEquations, own: int) -> NormalEquations:
+    """The same with coordinates in units of what tells them, the first ``own`` window by window: rounding then leaves
+    little of two terms that say the same, and precise data tell others apart that are nearly alike."""
+    each = equations.curvature.diagonal(dim1=1, dim2=2)
+    told = torch.cat((each[:, :own], each[:, own:].sum(0).expand(len(each), -1)), dim=1)
+    unit = torch.where(told > 0, told, 1.0).rsqrt()
+    curvature = equations.curvature * unit.unsqueeze(-1) * unit.unsqueeze(-2)
+    return NormalEquations(equations.cost, curvature, equations.slope * unit)
 
 
 def forward(

@@ -16,7 +16,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, read_npz
-from expertaug.models.settings import Refinement
+from expertaug.models.settings import Population, Refinement
 
 REMEDY = "make it again with evaluate"
 OWN = "own"  # the set of windows that the version's models have made themselves
@@ -46,7 +46,7 @@ class ConstantEstimate(NamedTuple):
         unit: of the constant; empty of a scale.
         of: all windows, a trajectory's name, or whose distribution it is the middle of.
         value, error: and its standard error.
-        spread: of a distribution, in the same unit; else NaN.
+        spread: standard deviation of a distribution, in the same unit; else NaN.
         windows: of a trajectory; 0: all.
         groups: number of independent groups of windows that it is from; 1 where the error is by what they state.
     """
@@ -78,8 +78,7 @@ def constants_of(
     if refinement is None:
         return found
     for name, one in (refinement.population or {}).items():
-        spread = one.spread.value * (one.middle.value if one.form == "lognormal" else 1.0)
-        of, numbers = POPULATIONS[one.unit], (one.middle.value, one.middle.error, spread, 0, one.middle.groups)
+        of, numbers = POPULATIONS[one.unit], (one.middle.value, one.middle.error, _deviation(one), 0, one.middle.groups)
         found.append(ConstantEstimate(name, parameters[name], of, *numbers))
     for name, each in (refinement.trajectories or {}).items():
         for of, one in each.items():
@@ -91,6 +90,15 @@ def constants_of(
                 numbers = one.value, one.error, math.nan, 0, one.groups
                 found.append(ConstantEstimate(f"{name} of {component}", unit, SHARED, *numbers))
     return found
+
+
+def _deviation(one: Population) -> float:
+    """Standard deviation of a distribution, in the parameter's unit; of a wide lognormal one it is well above its
+    median times that of the logarithm."""
+    if one.form == "normal":
+        return one.spread.value
+    square = one.spread.value**2
+    return one.middle.value * math.exp(square / 2) * math.sqrt(math.expm1(square))
 
 
 @dataclass(frozen=True)

@@ -230,6 +230,7 @@ class LeastSquares(Predictor, nn.Module):
                 places.append(torch.from_numpy(chosen.nonzero()[0]))
                 fit = self.fit if name is None else self.fit.pulled(self.trajectories[name])
                 parts.append(self._estimate(windows.samples(places[-1]), fit))
+                self.fit.steps_checked = fit.steps_checked  # told once, not of each
         return Estimates.joined(parts).part(torch.cat(places).argsort())
 
     def _estimate(self, windows: Windows, fit: WindowFit) -> Estimates:

@@ -33,6 +33,7 @@ from expertaug.measurements.trajectory import WHERE, read
 from expertaug.trajectories import Trajectories
 
 logger = logging.getLogger(__name__)
+FEW_LOST = 0.01  # of the rows that no chunk can hold, which is not told
 BLOCK = 2**17  # points of chunks that are looked at together
 
 
@@ -96,6 +97,23 @@ class Measured:
         (:mod:`expertaug.measurements.slopes`)."""
         return slopes_off(self.settings, list(self.names.state), self.grid.series, self.names.rates)
 
+    def told_short(self) -> str:
+        """What is said of rows that no chunk can hold, whatever the split; else empty."""
+        span, total, lost = (self.settings.length - 1) * self.grid.step + 1, 0, 0
+        for one in self.grid.series:
+            measured_rows = (one.row >= 0) & np.isfinite(one.y).any(1)
+            total += int(measured_rows.sum())
+            lost += sum(int(measured_rows[a:b].sum()) for a, b in stretches(one.usable) if b - a < span)
+        if lost <= FEW_LOST * total:
+            return ""
+        where = f"stretches shorter than the {self.settings.length} points of a chunk, so that none holds them"
+        return f"{lost} of {total} rows lie in {where}: give a larger longest_gap, or a smaller length"
+
+    def warn_of_short(self) -> None:
+        """Tell of rows that no chunk can hold."""
+        if said := self.told_short():
+            logger.warning("%s", said)
+
     def shares_seen(self) -> dict[str, float]:
         """In what share of the rows each component with a column was measured."""
         known = np.concatenate([np.isfinite(one.rows.y) for one in self.grid.series])
@@ -118,6 +136,7 @@ def measured(settings: MeasurementSettings, names: Names, tables: Mapping[Path, 
     for one in grid.series:
         for name in settings.angles:
             _unwrap(one.y, list(names.state).index(name))
+        _fill_constants(one, [k for k, name in enumerate(names.inputs) if name in names.constant])
     noise = _noise(grid)
     steps = _steps(grid, noise)
     return Measured(files, names, settings, grid, np.fmax(noise, steps / math.sqrt(12)), resolution=steps)
@@ -138,6 +157,15 @@ def _steps(grid: Grid, noise: np.ndarray) -> np.ndarray:
         if step is not None and not noise[k] >= step / math.sqrt(12):
             found[k] = step
     return found
+
+
+def _fill_constants(one: Series, places: Sequence[int]) -> None:
+    """Give covariates, at their places among the inputs, the one value that a trajectory's rows have of each, at all of
+    its points, in place; one that changes stays as it is, and is refused."""
+    for k in places:
+        known = np.unique(one.rows.u[np.isfinite(one.rows.u[:, k]), k])
+        if len(known) == 1:
+            one.u[:, k] = known[0]
 
 
 def _unwrap(y: np.ndarray, k: int) -> None:

@@ -66,6 +66,7 @@ class Guess:
         certain: components whose column was told by its name, not by its place.
         left: columns of numbers that stand for nothing.
         unread: columns in which most cells are no numbers, and none is a number.
+        still: columns whose numbers are the same in all rows of each trajectory: no motion, but a known number.
         date: the column of dates, where the times are times of day.
     """
 
@@ -75,6 +76,7 @@ class Guess:
     certain: set[str] = field(default_factory=set)
     left: list[str] = field(default_factory=list)
     unread: list[str] = field(default_factory=list)
+    still: list[str] = field(default_factory=list)
     date: str | None = None
 
 
@@ -119,10 +121,30 @@ def guess(
     unread = [name for name in table.names if name not in (*taken, *numbers) and not _is_empty(table, name)]
     if names is None:
         each = {_plain_name(name): Column(name=name) for name in rest}
-        return Guess(of_time, trajectory, each, set(rest), [], unread, date)
-    columns, certain = _components(list(rest), table, names, given)
+        return Guess(of_time, trajectory, each, set(rest), [], unread, [], date)
+    still = _still(rest, table, trajectory)
+    columns, certain = _components(list(rest), table, names, given, still)
     left = [name for name in rest if name not in {column.name for column in columns.values()}]
-    return Guess(of_time, trajectory, columns, certain, left, unread, date)
+    return Guess(of_time, trajectory, columns, certain, left, unread, still, date)
+
+
+def _still(rest: Mapping[str, np.ndarray], table: Table, trajectory: str | None) -> list[str]:
+    """Columns of numbers (n,) that are the same in all rows of each trajectory, as a dose or a mass is; none where
+    there are no others."""
+    if trajectory is None:
+        groups = np.zeros(len(table), dtype=int)
+    else:
+        groups = np.unique(table.texts(trajectory).astype(str), return_inverse=True)[1]
+    order = np.argsort(groups, kind="stable")
+    begins = np.flatnonzero(np.diff(groups[order], prepend=-1))
+    found = []
+    for name, values in rest.items():
+        ranged = values[order]
+        low, high = (f.reduceat(ranged, begins) for f in (np.fmin, np.fmax))
+        several = np.add.reduceat(np.isfinite(ranged).astype(int), begins) > 1
+        if several.any() and (low == high)[several].all():
+            found.append(name)
+    return found if len(found) < len(rest) else []
 
 
 def _is_empty(table: Table, name: str) -> bool:
@@ -228,9 +250,10 @@ def _is_of_time(name: str, values: np.ndarray) -> bool:
 
 
 def _components(
-    rest: Sequence[str], table: Table, names: Names, given: Mapping[str, str]
+    rest: Sequence[str], table: Table, names: Names, given: Mapping[str, str], still: Sequence[str]
 ) -> tuple[dict[str, Column], set[str]]:
-    """Columns of components: by names first, then by the units, and what is left by its place."""
+    """Columns of components: by names first, then by the units, and what is left by its place; of those that stand
+    ``still`` by names alone."""
     scores = sorted(
         ((_likeness(component, column), component, column) for component in names.state for column in rest),
         key=lambda one: -one[0],
@@ -241,11 +264,12 @@ def _components(
             found[component] = column
     for component, unit in names.state.items():  # a column called deg/s, or one of its kind alone
         if component not in found:
-            fitting = [c for c in rest if c not in found.values() and _told(c, table).fits(unit) and unit]
+            free = [c for c in rest if c not in found.values() and c not in still]
+            fitting = [c for c in free if _told(c, table).fits(unit) and unit]
             if len(fitting) == 1:
                 found[component] = fitting[0]
     certain = set(found)
-    free = [column for column in rest if column not in found.values()]
+    free = [column for column in rest if column not in found.values() and column not in still]
     for component in names.state:
         if component not in found and free and not certain:
             found[component] = free.pop(0)

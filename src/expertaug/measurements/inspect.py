@@ -259,10 +259,21 @@ class Inspection:
         for k, name in enumerate(self.names.state):
             if name in self.settings.columns:
                 yield self._component(k, name, np.concatenate([one.y[:, k] for one in rows]))
+        yield from self._told_still()
         if self.guess.left:
             yield f"not used: {', '.join(self.guess.left)}"
         if self.guess.unread:
             yield f"not read, as most of their cells are no numbers: {', '.join(self.guess.unread)}"
+
+    def _told_still(self) -> Iterator[str]:
+        """What is said of columns that do not change along any trajectory."""
+        if left := [name for name in self.guess.still if name in self.guess.left]:
+            told = f"the same in all rows of a trajectory, so no component: {', '.join(left)}"
+            yield f"{told}; what the system knows of it belongs under inputs (a covariate) or z_e (a parameter)"
+        for name, column in self.settings.columns.items():
+            if column_of(column).name in self.guess.still:
+                told = f"{name} is the same in all rows of a trajectory, as if it had been measured not to move"
+                yield f"{told}: if it is known at the first of them alone, leave the other cells empty"
 
     def _component(self, k: int, name: str, values: np.ndarray) -> str:
         known, noise = values[np.isfinite(values)], self.noise[k]

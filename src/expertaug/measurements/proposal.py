@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from expertaug.errors import InputError, printable
-from expertaug.measurements.cut import chunks_of
+from expertaug.measurements.cut import Measured, chunks_of
 from expertaug.measurements.inspect import Inspection
 from expertaug.measurements.sensors import rows_of_a_period
 from expertaug.measurements.settings import MeasurementSettings
@@ -41,7 +41,8 @@ def proposal(
         priors: a first guess of the range of each expert parameter.
         constants: expert parameters that all windows of one apparatus share.
     """
-    settings, length, counts = _cut(found)
+    settings, cut, counts = _cut(found)
+    length = cut.settings.length
     t1_s = round(length // 2 * found.data.grid.row_s * _points_apart(settings, found), 9)
     files = {
         "paths": settings["paths"] if len(settings["paths"]) > 1 else settings["paths"][0],
@@ -66,6 +67,7 @@ def proposal(
     methods = ["mean", "expert_only", *fitted, *learned]
     training = {"epochs": 200, "batch_size": 20, "learning_rate": 3e-3, "horizon_warmup": 0.3, "expert_first": 0.2}
     blocks = [
+        *([comment(said)] if (said := cut.told_short()) else []),
         f"# expertaug validate FILE; snakemake --cores 2 --configfile FILE   ({_told(counts)})",
         "results: results/measured",
         f"run: [{NAME}]",
@@ -148,8 +150,9 @@ def _points_apart(settings: Mapping, found: Inspection) -> int:
     return round(settings["step_s"] / found.data.grid.row_s) if "phases" in settings else 1
 
 
-def _cut(found: Inspection) -> tuple[dict, int, dict[str, int]]:
-    """Settings whose three sets have chunks: as long as the data allow, between trajectories where there are some."""
+def _cut(found: Inspection) -> tuple[dict, Measured, dict[str, int]]:
+    """Settings whose three sets have chunks, the data with these, and how many: as long as the data allow, between
+    trajectories where there are some."""
     settings, data = _plain(found.settings), found.data
     apart = _rows_apart(found)
     if apart > 1:
@@ -166,12 +169,13 @@ def _cut(found: Inspection) -> tuple[dict, int, dict[str, int]]:
         while length >= 3:
             own = {"length": length, "stride": max(1, length // 8), "evaluation_stride": max(1, length // 2)}
             settings |= own | {"min_chunks": 1, "split": split}
+            cut = replace(data, settings=MeasurementSettings.from_mapping(settings))
             try:
-                rows = chunks_of(replace(data, settings=MeasurementSettings.from_mapping(settings)))[0]
+                rows = chunks_of(cut)[0]
             except InputError as error:
                 problem, length = error, length // 2 if length > 5 else length - 1
                 continue
-            return settings, length, {name: len(of) for name, of in rows.items()}
+            return settings, cut, {name: len(of) for name, of in rows.items()}
     assert problem is not None
     raise problem
 

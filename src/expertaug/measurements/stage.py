@@ -33,6 +33,7 @@ def cut_measurements(
     output_dir = Path(output_dir)
     data = measured(settings.of_files(files), names)
     data.warn_of_slopes()
+    data.warn_of_short()
     sets, rows, thresholds = sets_of(data)
     for name, one in sets.items():
         one.save(output_dir / f"{name}.npz")
