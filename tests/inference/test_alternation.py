@@ -2,9 +2,11 @@
 
 import copy
 
+import numpy as np
 import pytest
 import torch
 
+import expertaug as ea
 import tiny
 from expertaug import systems
 from expertaug.errors import InputError, SolveError
@@ -149,3 +151,27 @@ def test_seeds_that_never_forecast_are_said(data, settings, monkeypatch):
 def test_an_interaction_model_is_needed(data, settings):
     with pytest.raises(InputError, match=r"model\.interaction: missing"):
         prepared(data, settings | {"model": {}})
+
+
+def test_the_size_is_measured_by_the_data_where_the_expert_alone_stands_still():
+    """Predators and prey about their balance: without F_a the best growth and death are about none."""
+    t, rates = 0.5 * np.arange(21), {"a": (0.5, 0.5), "c": (0.5, 0.5)}
+    train, validation = (
+        ea.simulate(ea.LotkaVolterra(), rates, {"b": (0.5, 1.0), "d": (0.5, 1.0)}, n=20, t=t, seed=seed)
+        for seed in (0, 1)
+    )
+    settings = SETTINGS | {
+        "system": {"name": "lotka_volterra"},
+        "model": {"interaction": {"kind": "mlp", "layers": [8], "activation": "silu"}},
+        "training": {"steps": 1, "latent": 2, "solver": {"method": "rk4", "substeps": 2}},
+        "refinement": SETTINGS["refinement"] | {"prior": {"a": [0.2, 1.0], "c": [0.2, 1.0]}},
+        "t1_s": 5.0,
+    }
+    options = job(AlternateJob, settings)
+    described = describe_recipe(options)
+    trainer = stage.prepare(systems.load(described.system), train, validation, options, described).trainer
+    trainer.begin()
+    slopes = np.sqrt((np.diff(train.y[:, :11], axis=1) / 0.5) ** 2).astype(float)
+    slopes = np.sqrt((slopes**2).mean((0, 1)))
+    assert (trainer.rates.numpy() >= 0.29 * slopes).all()
+    assert trainer.rates[:, 0].numpy() == pytest.approx(0.3 * slopes[0], rel=1e-3)
