@@ -56,6 +56,11 @@ def test_a_stage_that_nobody_has_measured_is_not_free(published):
     assert lines[-1] == "| all | 8 | 1.9 | 1.0 | 1000 | 4 |"
 
 
+def test_half_a_minute_is_not_printed_as_no_time():
+    lines = demand.table([demand.Row("train", 1, 0.0083, 0.0083, 100.4, 1)])
+    assert lines[2] == "| train | 1 | 0.01 | 0.01 | 100 | 1 |"
+
+
 def test_the_same_job_is_taken_as_it_was_from_the_run_that_has_most_of_them(published):
     """A run of more seeds or samples says nothing of jobs that another run has as they are asked for."""
     text = (published / "one" / "config.yaml").read_text()

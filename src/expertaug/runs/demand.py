@@ -116,7 +116,7 @@ def table(rows: list[Row]) -> list[str]:
     largest = float(np.nanmax(longest_h)), float(np.nanmax(memory_mb))
     total = Row("all", jobs_of_all, float(np.nansum(hours)), *largest, known)
     cells = [[r.stage, f"{r.jobs:.0f}", *map(_number, r[2:5]), f"{r.known:.0f}"] for r in (*rows, total)]
-    head = ["stage", "jobs", "hours in sum", "longest job, h", "memory of a job, MB", "seen before"]
+    head = ["stage", "jobs", "total [h]", "longest job [h]", "largest memory [MB]", "published before"]
     return [f"| {' | '.join(line)} |" for line in (head, ["---", *["---:"] * 5], *cells)]
 
 
@@ -193,4 +193,6 @@ def _like(
 
 
 def _number(value: float) -> str:
-    return "?" if math.isnan(value) else f"{value:.1f}" if value < 100 else f"{value:.0f}"
+    if math.isnan(value):
+        return "?"
+    return f"{value:.{0 if value >= 100 else 1 if value >= 0.95 else 2}f}"  # half a minute is 0.01 h
