@@ -96,9 +96,7 @@ def test_a_speed_in_degrees_alone_is_no_speed(look):
 def test_a_pair_of_which_one_unit_is_told_is_refused_by_the_reader(tmp_path):
     path = table(tmp_path / "a.csv", "t,theta_deg,omega", T, DEG * THETA, DEG * OMEGA)
     columns = {"theta": {"name": "theta_deg", "unit": "deg"}, "omega": "omega"}
-    with pytest.raises(
-        InputError, match=r"'omega' has no unit; say which: set data\.files\.columns\.omega\.unit"
-    ):
+    with pytest.raises(InputError, match=r"'omega' has no unit; say which: set data\.files\.columns\.omega\.unit"):
         read(path, columns)
     columns["omega"] = {"name": "omega", "unit": "deg/s"}
     assert np.abs(read(path, columns).y[..., 1]).max() == pytest.approx(2, abs=0.05)

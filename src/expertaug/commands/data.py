@@ -19,7 +19,7 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     expertaug inspect-video my/*.mp4 --output contact.png > my.yaml
     expertaug inspect-video my/series --times names --time-unit 0.001
     """
-    text = "show what is in videos and propose a configuration for them"
+    text = "show what is in videos and propose a configuration"
     p = add("inspect-video", _inspect, text, "use", examples, ["inspect"])
     p.add_argument("videos", type=Path, nargs="+", metavar="VIDEO", help="video file, or folder of pictures")
     text = "contact sheet, .png or .jpg (default: %(default)s)"
@@ -38,13 +38,13 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     expertaug inspect-data swings.csv --system pendulum > mine.yaml
     expertaug inspect-data lab/*.csv --system pendulum --unit angle=deg --set skip_lines=3
     """
-    p = add("inspect-data", _inspect_data, "show what is in tables and propose a configuration for them", "use", examples)
+    p = add("inspect-data", _inspect_data, "show what tables hold and propose a configuration", "use", examples)
     p.add_argument("files", nargs="+", metavar="FILE", help="tables or globs: CSV, Parquet or NPZ")
     text = "system whose state the columns hold: a name, or JSON with name and arguments (default: none)"
     p.add_argument("--system", metavar="NAME", help=text)
     p.add_argument("--time", metavar="COLUMN", help="the column of times (default: by its name)")
     p.add_argument(
-        "--trajectory", metavar="COLUMN", help="the column that says which trajectory a row belongs to (default: by its name)"
+        "--trajectory", metavar="COLUMN", help="column that names each row's trajectory (default: by its name)"
     )
     text = "unit of a column, such as 'theta=deg' (default: as its header says); may be given several times"
     p.add_argument("--unit", metavar="COLUMN=UNIT", action="append", default=[], help=text)
@@ -63,9 +63,9 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     add_paths(p, model="model file")
     p.add_argument("--output", type=Path, metavar="CSV", help="file of the forecasts (default: standard output)")
     p.add_argument("--seed", type=int, help="one of the model's seeds (default: all)")
-    p.add_argument("--t-end", type=float, metavar="S", help="time at which the forecast ends, in s (default: the training's)")
+    p.add_argument("--t-end", type=float, metavar="S", help="end of the forecast in s (default: the training's)")
     text = "refine the estimates by least squares on each window: the noise's standard deviation, 0 for none, or "
-    p.add_argument("--refine", type=_noise, metavar="NOISE", help=text + "estimated, to take that of the training's data")
+    p.add_argument("--refine", type=_noise, metavar="NOISE", help=text + "estimated for that of the training data")
     text = "trajectories that set the threshold of the column trusted, such as a run's data/validation.npz "
     p.add_argument("--validation", type=Path, metavar="NPZ", help=f"{text}(default: the threshold in the model file)")
     text = "says how tables like the training's are read: data/splits.json of a run, or its configuration (default: "

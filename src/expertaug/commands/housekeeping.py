@@ -23,9 +23,9 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     examples = """
     expertaug publish config/config.yaml --to published/mine --command "snakemake --cores 2"
     """
-    p = add("publish", _publish, "copy the tables, figures and provenance of a finished run to a folder", "use", examples)
+    p = add("publish", _publish, "copy a finished run's tables, figures and provenance to a folder", "use", examples)
     p.add_argument("config", type=Path, nargs="+", help="YAML files of the run, later ones win")
-    p.add_argument("--to", type=Path, required=True, metavar="FOLDER", help="folder to write; what it holds is replaced")
+    p.add_argument("--to", type=Path, required=True, metavar="FOLDER", help="folder; what it holds is replaced")
     p.add_argument("--command", required=True, help="the command that started the run, for its provenance")
 
 

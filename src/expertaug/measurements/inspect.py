@@ -252,7 +252,8 @@ class Inspection:
         gaps = np.concatenate([np.diff(one.t) for one in rows]) / grid.row_s
         long = gaps[gaps > 1.5]
         if len(long):
-            yield f"gaps: {len(long)}, up to {long.max() * grid.row_s:.4g} s ({_count(round(long.max()) - 1, 'missing row')})"
+            missing = _count(round(long.max()) - 1, "missing row")
+            yield f"gaps: {len(long)}, up to {long.max() * grid.row_s:.4g} s ({missing})"
         if repeated := sum(one.repeated for one in rows):
             yield f"rows whose time another row has too: {repeated}"
         yield from self.remarks
@@ -298,8 +299,7 @@ class Inspection:
                 name = list(self.names.state)[k]
                 axis.set_ylabel(plotting.quantity(name, self.names.state[name]))
             of_all = len(self.data.grid.series)
-            shown_of = f"the first {len(series)} of {of_all} trajectories" if of_all > len(series) else "all trajectories"
-            axes[0].set_title(f"{shown_of}, from the beginning of each")
+            axes[0].set_title(f"the first {len(series)} of {_count(of_all, 'trajectory')}")
             axes[-1].set_xlabel("t [s]")
             plotting.save(figure, output)
 

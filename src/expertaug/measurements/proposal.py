@@ -27,7 +27,10 @@ READING = (
 # How the test set of a split is called in tables and figures, and what it is.
 TESTS = {
     "time": ("test (later)", "the test set is the end of each trajectory: the same motion later, not another one"),
-    "trajectories": ("test (other trajectories)", "the test set is whole trajectories, drawn at random: others of the same kind"),
+    "trajectories": (
+        "test (other trajectories)",
+        "the test set is other trajectories of the same kind, drawn at random",
+    ),
 }
 
 
@@ -125,7 +128,7 @@ def _sharing(found: Inspection, constants: Sequence[str]) -> list[str]:
     units, population = (flow(dict.fromkeys(constants, word)) for word in ("trajectory", "normal"))
     blocks = ["    refinement:", f"      units: {units}  # one value each; if all are of one apparatus, write shared"]
     if len(found.data.grid.series) > FEWEST:
-        blocks.append(f"      population: {population}  # distribution of these values, narrow where trajectories hardly differ")
+        blocks.append(f"      population: {population}  # of these values; narrow where trajectories hardly differ")
     return blocks + sensors
 
 
