@@ -149,6 +149,14 @@ def test_a_unit_can_be_said(tmp_path, capsys):
     assert status == 2 and "--unit: no column 'speed'" in err
 
 
+@pytest.mark.parametrize("option", ["--time", "--trajectory"])
+def test_a_misspelt_column_is_refused_in_one_line(option, tmp_path, capsys):
+    path = tmp_path / "t.csv"
+    path.write_text("time,theta\n" + "".join(f"{k},{k % 3}\n" for k in range(30)))
+    status, _, err = inspected(path, capsys, option, "tme")
+    assert status == 2 and err == f"expertaug inspect-data: {option}: no column 'tme'; its columns are time, theta\n"
+
+
 def test_a_column_that_is_not_read_is_named(tmp_path, capsys):
     path = lab(tmp_path, "t", "theta", "omega")
     lines = path.read_text().splitlines()

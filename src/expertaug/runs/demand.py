@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict
 
 from expertaug.config import jobs
 from expertaug.config.models import Configuration, Experiment
+from expertaug.errors import InputError
 from expertaug.evaluation import costs
 from expertaug.versions import Version
 
@@ -95,8 +96,13 @@ def of_config(config: Configuration, published: Path) -> list[Row]:
     version, their seconds times the ratio of passes, samples and seeds (an upper bound, as seeds are trained together),
     their memory times that of seeds. Without these, the mean of the stage's jobs in that experiment, else in all.
     Networks of other sizes are not accounted for.
+
+    Raises:
+        InputError: the folder holds no published run.
     """
     asked, known = list(_jobs(config)), _published(published)
+    if not known:
+        raise InputError("--published", f"no published run in '{published}'", "give the folder that holds them")
     runs = Counter(seen.run for job in asked for seen in known.get(job[:3], []) if seen.job == job)
     rows = []
     for stage in STAGES:
