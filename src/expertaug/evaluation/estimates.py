@@ -9,7 +9,6 @@ spread; its mean has Student's t intervals (Hartung & Knapp 2001).
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -365,7 +364,9 @@ def _named(one: TabledEstimate, beside: Sequence[TabledEstimate]) -> str:
     """What is printed for an estimate: the version, and of what it is where there are several or the label does not
     say it."""
     several = sum(other.method == one.method for other in beside) > 1
-    of = re.sub(r"/0$", "", one.of).replace("_", " ")  # a file of a single trajectory
+    file, _, number = one.of.rpartition("/")
+    alone = number == "0" and not any(other.of != one.of and other.of.startswith(f"{file}/") for other in beside)
+    of = (file if alone else one.of).replace("_", " ")  # a file of a single trajectory
     label = plotting.text(one.label)
     return f"{label}, {of}" if several and one.of != SHARED else label
 

@@ -74,7 +74,14 @@ def table(experiments: Sequence[tuple[Sequence[TabledMean], ReportExperiment]]) 
             shown = [_text(scores, row.method, name, job) for name in sets]
             rows.append([labels[row.method], row.why, *shown, gain(scores.get((row.method, "test"))) or DASH])
         parts.append((part(job), rows))
-    return Table(["method", "shown as", *map(Titles().of_set, sets), "gain over control, test"], parts, 2)
+    titles = [_of_set(name, experiments) for name in sets]
+    return Table(["method", "shown as", *titles, "gain over control, test"], parts, 2)
+
+
+def _of_set(name: str, experiments: Sequence[tuple[Sequence[TabledMean], ReportExperiment]]) -> str:
+    """A set's title: the experiments' own where all call it the same."""
+    titles = {job.of_set(name) for _, job in experiments}
+    return titles.pop() if len(titles) == 1 else Titles().of_set(name)
 
 
 def part(job: ReportExperiment) -> str:

@@ -26,6 +26,7 @@ from expertaug.tracking.settings import tracking_of_run
 TEMPLATE = Path(__file__).with_name("page.html")
 RECORDINGS, OVERALL = "Recordings", "All experiments"
 ESTIMATES = "estimates"
+LONG = 40  # rows of a table that is folded
 FIRST = (ESTIMATES, "alarm")  # of an experiment: what a laboratory asks, before the scores of methods
 
 
@@ -153,11 +154,16 @@ def _blocks(
     experiment: ReportExperiment | None = None,
     folded: bool = True,
 ) -> list[Block]:
-    """Figures, each with its table below it, folded or not, and then tables that have no figure."""
-    blocks: list[Block] = []
+    """Figures, each with its table below it, folded or not, and then tables that have no figure.  What has nothing to
+    show, no row or only words in place of a picture, is left out."""
+    blocks: list[Block | None] = []
     of_figures = {one.stem: one for one in shown if not one.is_figure}
     for one in sorted(shown, key=lambda one: not one.is_figure):
-        if one.is_figure:
+        if one.is_figure and one.is_note(results):
+            if one.stem in of_figures:
+                said = one.text(job.preset)
+                blocks.append(_table(numbers, of_figures[one.stem], results, job, said, experiment, folded))
+        elif one.is_figure:
             figure = numbers.figure(one.title, one.text(job.preset), one.picture(results), "recording" in one.wildcards)
             blocks.append(figure)
             if one.stem in of_figures:
@@ -165,7 +171,7 @@ def _blocks(
                 blocks.append(_table(numbers, of_figures[one.stem], results, job, said, experiment, folded))
         elif one.stem not in {block.stem for block in shown if block.is_figure}:
             blocks.append(_table(numbers, one, results, job, one.text(job.preset), experiment))
-    return blocks
+    return [block for block in blocks if block is not None]
 
 
 def _table(
@@ -176,7 +182,8 @@ def _table(
     caption: str,
     experiment: ReportExperiment | None,
     folded: bool = False,
-) -> Block:
+) -> Block | None:
+    """A file's table, folded if it is long; None if it has no row."""
     path = check_inside(results / one.csv, results)
     if one.stem == "published":
         table = tables.published(path, {e.name: e.of_experiment(e.name) for e in job.experiments})
@@ -187,7 +194,7 @@ def _table(
         table = tables.stated(path)
     else:
         table = tables.of_file(path, experiment or Reading())
-    return numbers.table(one.title, caption, table, folded)
+    return numbers.table(one.title, caption, table, folded or table.size > LONG) if table.size else None
 
 
 def _room(one: Shown) -> str | None:
