@@ -58,8 +58,8 @@ KINDS = (OVER_CONTROL, FROM_BASE)
 GAINS = (
     "Gain over control: how much lower the error is than that of the control, the same base model trained further for "
     "as many steps on the real data alone. Difference from base: how much lower it is than that of the base model, "
-    "which had fewer steps: no gain of augmentation. Positive is better. Means over pairs of the same seed and the same "
-    "samples with their 95 % intervals; bold: significant."
+    "which had fewer steps: no gain of augmentation. Positive is better. Means over pairs of the same seed and "
+    "sample with their 95 % intervals; bold: significant."
 )
 
 
