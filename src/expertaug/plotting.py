@@ -220,7 +220,7 @@ def save(figure: Figure, outputs: str | Path | Iterable[str | Path], dpi: float 
         if output.suffix and output.suffix not in (".png", ".pdf"):
             raise InputError(output, f"suffix {output.suffix!r}", "figures are .png or .pdf")
         for path in [output] if output.suffix else [output.with_suffix(".png"), output.with_suffix(".pdf")]:
-            metadata = {"CreationDate": None} if path.suffix == ".pdf" else {"Software": None}
+            metadata: dict[str, str | None] = {"CreationDate" if path.suffix == ".pdf" else "Software": None}
             if path.suffix == ".png" and figure.get_label() == NOTE:
                 metadata["Comment"] = NOTE
             with atomic(path) as temporary:

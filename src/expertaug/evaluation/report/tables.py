@@ -158,7 +158,7 @@ def of_file(path: Path, reading: Reading) -> Table:
     texts = [name for name in kept if not pd.api.types.is_numeric_dtype(kept[name])]
     in_order = [*texts, *(name for name in kept if name not in texts)] if "label" in texts else list(kept)
     names = len(texts) if "label" in texts else 1
-    head = [HEADS.get(name, name.replace("_", " ")) for name in in_order]
+    head = [HEADS.get(str(name), str(name).replace("_", " ")) for name in in_order]
     rows = [[plain(value) for value in row] for row in kept[in_order].itertuples(index=False)]
     return Table(head, [("", rows)], names)
 
