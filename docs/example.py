@@ -20,4 +20,4 @@ for name, trained in {"as trained": fit, "after expert augmentation": plus}.item
     off = 100 * abs(found.z_e["omega0"] / slow.z_e[:, 0] - 1).mean()
     print(f"{name}: omega0 is off by {off:.0f} %")
 # as trained: omega0 is off by 59 %
-# after expert augmentation: omega0 is off by 29 %
+# after expert augmentation: omega0 is off by 29 % (some % depend on the processor)

@@ -10,6 +10,7 @@ import yaml
 
 from expertaug.config import load
 from expertaug.config.models import Configuration, Data, Experiment, Override
+from expertaug.errors import InputError
 from expertaug.evaluation import costs
 from expertaug.learning.settings import TrainSettings
 from expertaug.runs import demand
@@ -54,6 +55,16 @@ def test_a_stage_that_nobody_has_measured_is_not_free(published):
     lines = demand.table(demand.of_config(config([0], 1, 10), published))
     assert "| augment | 1 | ? | ? | ? | 0 |" in lines
     assert lines[-1] == "| all | 8 | 1.9 | 1.0 | 1000 | 4 |"
+
+
+def test_a_folder_without_published_runs_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no published run in"):
+        demand.of_config(config([0], 1, 10), tmp_path)
+
+
+def test_half_a_minute_is_not_printed_as_no_time():
+    lines = demand.table([demand.Row("train", 1, 0.0083, 0.0083, 100.4, 1)])
+    assert lines[2] == "| train | 1 | 0.01 | 0.01 | 100 | 1 |"
 
 
 def test_the_same_job_is_taken_as_it_was_from_the_run_that_has_most_of_them(published):

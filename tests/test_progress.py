@@ -135,8 +135,23 @@ def test_a_run_says_what_it_does_stage_by_stage(watch, tmp_path, caplog):
 
 
 def test_nothing_is_estimated_from_nothing(watch, tmp_path, caplog):
+    (tmp_path / "published" / "long" / "costs.csv").unlink()
     watch.start(Dag(tmp_path / "results", "train/other"), 2)
-    assert caplog.messages[1:] == ["1 job on 2 cores; how long they take is told when some have ended."]
+    assert caplog.messages[1:] == ["1 job on 2 cores; the time left is estimated once some have ended."]
+
+
+def test_a_new_experiment_is_not_promised_the_time_of_a_toy_run(watch, tmp_path, caplog):
+    """A toy run shares the report with every run; how long another experiment trains it does not know."""
+    (tmp_path / "published" / "toy").mkdir()
+    (tmp_path / "published" / "toy" / "costs.csv").write_text("job,seconds\ntrain/c,6\nreport,6\n")
+    watch.start(Dag(tmp_path / "results", "train/own", "train/other", "report"), 1)
+    guess = "About 10 minutes for 3 jobs on 1 core (a guess: no published run has these experiments)."
+    assert caplog.messages[-1] == guess, "the median of 6, 300 and 900 seconds for each training"
+
+
+def test_other_seeds_of_a_published_training_are_no_guess():
+    assert eta.learns_alike(COSTS, ["train/a_x_seeds_7"]) and eta.learns_alike(COSTS, ["simulate/z"])
+    assert not eta.learns_alike(COSTS, ["train/z_x_seeds_0_1", "simulate/a"])
 
 
 def test_broken_costs_end_no_run(watch, tmp_path, caplog):

@@ -67,7 +67,10 @@ def test_a_failed_job_says_which_and_where_its_log_lies(said):
     assert "Error in rule train: train aphynity (log: results/logs/train.log)" in text and "file_1" not in text
 
 
-@pytest.mark.parametrize("line", ["Building DAG of jobs...", "Provided cores: 2", "Select jobs to execute..."])
+SETUP = ["Building DAG of jobs...", "Provided cores: 2", "Select jobs to execute...", "Touching output file a.csv."]
+
+
+@pytest.mark.parametrize("line", SETUP)
 def test_how_it_is_set_up_is_not_said(line, said):
     assert said(record(line)) == ""
 

@@ -25,6 +25,7 @@ from expertaug.hues import EQUATION, FLOOR, HUES, assigned
 from expertaug.versions import Version, base
 
 WIDTH = 7.0  # inches: the text width of a page
+NOTE = "nothing to draw"  # what a PNG of words alone says of itself
 DPI = 200
 RC = {
     "font.family": "DejaVu Sans",
@@ -206,6 +207,7 @@ def note(words: str) -> Figure:
     """A figure that says only why there is nothing to draw: what a workflow expects is then there all the same."""
     with styled():
         figure = new_figure(0.8, 5.2)
+        figure.set_label(NOTE)
         figure.text(0.5, 0.5, wrapped(words, 5.0, RC["font.size"]), ha="center", va="center", color="0.35")
     return figure
 
@@ -237,7 +239,9 @@ def save(figure: Figure, outputs: str | Path | Iterable[str | Path], dpi: float 
         if output.suffix and output.suffix not in (".png", ".pdf"):
             raise InputError(output, f"suffix {output.suffix!r}", "figures are .png or .pdf")
         for path in [output] if output.suffix else [output.with_suffix(".png"), output.with_suffix(".pdf")]:
-            metadata = {"CreationDate": None} if path.suffix == ".pdf" else {"Software": None}
+            metadata: dict[str, str | None] = {"CreationDate" if path.suffix == ".pdf" else "Software": None}
+            if path.suffix == ".png" and figure.get_label() == NOTE:
+                metadata["Comment"] = NOTE
             with atomic(path) as temporary:
                 figure.savefig(temporary, dpi=dpi or mpl.rcParams["savefig.dpi"], metadata=metadata)
             figure.set_layout_engine("none")  # the places are found: a third of the time of a further file

@@ -27,7 +27,7 @@ _OPTIONS = ("--configfile", "--configfiles")
 _SETUP = (
     *("Using workflow specific profile", "Config file ", "Assuming unrestricted shared filesystem", "Building DAG"),
     *("Using shell: ", "Provided cores: ", "Rules claiming more threads", "Provided resources: ", "Job stats:"),
-    *("Conda environments: ignored", "Select jobs to execute"),
+    *("Conda environments: ignored", "Select jobs to execute", "Touching output file "),
 )
 _UNTOLD = (LogEvent.JOB_STARTED, LogEvent.JOB_FINISHED, LogEvent.RUN_INFO, LogEvent.RESOURCES_INFO)
 

@@ -70,7 +70,7 @@ def test_the_training_table_itself(run, capsys):
     np.testing.assert_allclose(one["t [s]"], 4.9 + 0.1 * np.arange(21))
     lines = [line for line in told.splitlines() if line.startswith("swings/run")]
     assert len(lines) == 6 and "from 5.9 to 6.9 s, omega0 = " in lines[0]
-    assert " ± " in lines[0] and "rad/s" in lines[0] and "trust it is not known" in lines[0]
+    assert " ± " in lines[0] and "rad/s" in lines[0] and "trust it is unknown" in lines[0]
     assert {"theta [rad]", "theta std [rad]", "omega [rad/s]", "z_e omega0 [rad/s]"} <= set(found.columns)
 
 

@@ -217,3 +217,11 @@ def test_a_constant_of_a_sensor_is_that_of_a_state():
     (axis,) = draw([row], EstimatesJob(labels=[("own", "Own")]), "swings").axes
     assert axis.get_xlabel() == r"scale of $\omega$ [1]"
     assert [tick.get_text() for tick in axis.get_yticklabels()] == ["Own"]
+
+
+def test_the_first_of_several_trajectories_keeps_its_number():
+    numbers = {"error": 0.1, "low": 0.9, "high": 1.1, "spread": np.nan, "windows": 9, "groups": 3, "told": None}
+    names = ("swings/0", "swings/1", "other/0")
+    rows = [TabledEstimate("own", "Own", "omega0", "rad/s", name, 1.0, **numbers) for name in names]
+    (axis,) = draw(rows, EstimatesJob(labels=[("own", "Own")]), "swings").axes
+    assert [tick.get_text() for tick in axis.get_yticklabels()] == ["Own, swings/0", "Own, swings/1", "Own, other"]

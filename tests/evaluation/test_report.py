@@ -151,6 +151,28 @@ def test_what_a_laboratory_asks_comes_first(run):
     assert "<td>2.000</td><td>0.031</td><td>[1.950, 2.050]</td>" in text
 
 
+def test_what_has_nothing_to_show_is_left_out_and_long_tables_are_folded(run):
+    """A figure of words alone and a table without rows; of 41 rows the first line alone is read at once."""
+    results, settings = run
+    plotting.save_note("the true parameters are not known", results / "figures" / "swing_parameter_errors.png")
+    estimates = pd.read_csv(results / "tables" / "swing_estimates.csv")
+    pd.concat([estimates] * 41).to_csv(results / "tables" / "swing_estimates.csv", index=False)
+    alarms = pd.read_csv(results / "tables" / "swing_alarm.csv")
+    alarms[:0].to_csv(results / "tables" / "swing_alarm.csv", index=False)
+    report(results, results / "report.html", ReportJob.from_mapping(settings))
+    text = (results / "report.html").read_text()
+    assert ". Parameter errors" not in text and ". Log mse" in text
+    assert "Estimates (41 rows)" in text and "(0 rows)" not in text
+
+
+def test_headline_columns_are_called_as_the_experiments_call_their_sets(run):
+    results, settings = run
+    settings["experiments"][0]["set_titles"] = {"test": "test (other trajectories)"}
+    report(results, results / "report.html", ReportJob.from_mapping(settings))
+    text = (results / "report.html").read_text()
+    assert "test (other trajectories)" in text and "OOD)</th>" not in text
+
+
 def test_a_remark_that_all_titles_end_in_is_the_banner(run):
     results, settings = run
     first = settings["experiments"][0] | {"title": "a swing (toy run: no numbers)"}

@@ -96,9 +96,7 @@ def test_a_speed_in_degrees_alone_is_no_speed(look):
 def test_a_pair_of_which_one_unit_is_told_is_refused_by_the_reader(tmp_path):
     path = table(tmp_path / "a.csv", "t,theta_deg,omega", T, DEG * THETA, DEG * OMEGA)
     columns = {"theta": {"name": "theta_deg", "unit": "deg"}, "omega": "omega"}
-    with pytest.raises(
-        InputError, match=r"no unit is told of 'omega'; say which: set data\.files\.columns\.omega\.unit"
-    ):
+    with pytest.raises(InputError, match=r"'omega' has no unit; say which: set data\.files\.columns\.omega\.unit"):
         read(path, columns)
     columns["omega"] = {"name": "omega", "unit": "deg/s"}
     assert np.abs(read(path, columns).y[..., 1]).max() == pytest.approx(2, abs=0.05)
@@ -220,7 +218,7 @@ def test_a_step_of_a_counter_may_be_told(tmp_path):
 
 def test_a_counter_of_rows_tells_no_trajectories(look):
     said, data = look("sample,time,theta,omega", np.arange(400), T, THETA, OMEGA)
-    assert data["files"]["time"] == "time" and "trajectory" not in data["files"] and "a file each" in said
+    assert data["files"]["time"] == "time" and "trajectory" not in data["files"] and "one per file" in said
 
 
 def test_seconds_beside_microseconds_are_no_trajectory(look):

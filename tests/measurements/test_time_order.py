@@ -103,7 +103,7 @@ def test_a_moment_without_a_unit_is_not_taken_for_seconds(times, found, tmp_path
 def test_seconds_are_seconds(times, tmp_path, capfd):
     path = table(tmp_path / "x.csv", "time,theta,omega", zip(map(repr, times.tolist()), THETA, OMEGA, strict=True))
     assert main(["inspect-data", str(path), "--system", "pendulum"]) == 0
-    assert "taken as s" in capfd.readouterr().out
+    assert "s is assumed" in capfd.readouterr().out
 
 
 def test_a_unit_that_is_told_is_believed(tmp_path, capfd):

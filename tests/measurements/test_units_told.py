@@ -114,7 +114,7 @@ def test_inspected_and_read_alike(tmp_path, capsys, angle, speed):
     assert status == 0, err
     files = yaml.safe_load(out)["experiments"]["measured"]["data"]["files"]
     files |= {"length": 20, "min_chunks": 1}
-    assert "no unit is told" not in out
+    assert "no unit is given" not in out
     found = measured(settings(path, **{"trajectory": None} | files), NAMES).grid.series[0].y
     assert np.allclose(found, y, atol=1e-6)
 
@@ -128,8 +128,8 @@ def test_inspected_and_read_alike(tmp_path, capsys, angle, speed):
         (("t [ticks]", "theta", "omega"), "column 't [ticks]': the unit 'ticks' is not understood"),
         (("t (frames)", "theta", "omega"), "the unit 'frames' is not understood"),
         (("t", "theta [foo]", "omega"), "the unit 'foo' is not understood"),
-        (("t", "theta_deg", "omega"), "'theta_deg' is in deg, and no unit is told of 'omega'"),
-        (("t", "theta", "omega (rpm)"), "'omega (rpm)' is in rpm, and no unit is told of 'theta'"),
+        (("t", "theta_deg", "omega"), "'theta_deg' is in deg, and 'omega' has no unit"),
+        (("t", "theta", "omega (rpm)"), "'omega (rpm)' is in rpm, and 'theta' has no unit"),
     ],
 )
 def test_another_kind_or_half_a_pair_is_named_and_refused(tmp_path, capsys, headers, message):
@@ -147,6 +147,14 @@ def test_a_unit_can_be_said(tmp_path, capsys):
     assert files["columns"]["omega"] == {"name": "omega", "unit": "deg/s"}
     status, out, err = inspected(path, capsys, "--unit", "speed=ms")
     assert status == 2 and "--unit: no column 'speed'" in err
+
+
+@pytest.mark.parametrize("option", ["--time", "--trajectory"])
+def test_a_misspelt_column_is_refused_in_one_line(option, tmp_path, capsys):
+    path = tmp_path / "t.csv"
+    path.write_text("time,theta\n" + "".join(f"{k},{k % 3}\n" for k in range(30)))
+    status, _, err = inspected(path, capsys, option, "tme")
+    assert status == 2 and err == f"expertaug inspect-data: {option}: no column 'tme'; its columns are time, theta\n"
 
 
 def test_a_column_that_is_not_read_is_named(tmp_path, capsys):

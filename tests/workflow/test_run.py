@@ -185,7 +185,7 @@ def test_an_archive_is_unpacked_before_its_recordings_are_known(tmp_path):
 
 def test_the_terminal_says_how_long_the_run_takes(smoke_run):
     said = (smoke_run / "said").read_text()
-    first = r"^\d+ jobs on 2 cores; how long they take is told when some have ended\.$"  # nothing is published here
+    first = r"^\d+ jobs on 2 cores; the time left is estimated once some have ended\.$"  # nothing is published here
     assert len(re.findall(first, said, re.MULTILINE)) == 1
     left = [int(n) for n in re.findall(r"^About .+ left for (\d+) jobs?\.$", said, re.MULTILINE)]
     assert left == sorted(left, reverse=True) and left[-1] == 1

@@ -41,9 +41,9 @@ def overview_figure(name, title):
 
 def study_outputs(study):
     """Its table and, if it has one, its figure."""
-    title = STUDIES[study].title or study
-    shown_as = {"caption": study, "title": title.replace("_", " "), "category": "Studies"}
-    labels = {"subcategory": "{experiment}", "study": title}
+    title = STUDIES[study].title or study.replace("_", " ")
+    shown_as = {"caption": study, "title": title, "category": "Studies"}
+    labels = {"subcategory": "{experiment}", "study": STUDIES[study].title or study}
     files = table(f"{{experiment}}_{study}", content="table", **shown_as, **labels)
     if study in DRAWN:
         files += figure(f"{{experiment}}_{study}", content="figure", **shown_as, **labels)

@@ -52,16 +52,16 @@ DOUBT = (
     "hold there"
 )
 LARGE = (
-    "%d of %d windows are not to be trusted (trusted is False): the error to be expected of the forecast is larger "
-    "than that of 95 %% of the validation windows, or the window is explained worse than 99 %% of them"
+    "%d of %d windows are not to be trusted (trusted is False): the expected error of the forecast is larger "
+    "than for 95 %% of the validation windows, or the window is explained worse than 99 %% of them"
 )
 OUTSIDE = (
     "%d of %d windows have a z_e or z_a outside the range of the training windows' (outside is True): nothing has "
     "tested the model there"
 )
 UNEXPLAINED = (
-    "the model does not explain %d of %d windows to within their noise (p_chi2 is small): another expert, or another "
-    "noise, is called for"
+    "the model does not explain %d of %d windows to within their noise (p_chi2 is small): the expert lacks "
+    "something, or the noise is larger than stated"
 )
 TOO_WELL = (
     "these windows are explained far better than their noise allows (χ² %.2g per degree of freedom, not 1): the noise "

@@ -147,15 +147,21 @@ def _told(forecast: Forecast, found: Windows, observed: int) -> Iterator[str]:
             parts.append(f"χ² {of_seeds(forecast.chi2)[:, k].mean():.3g}")
         if forecast.p_chi2 is not None:
             parts.append(f"p {of_seeds(forecast.p_chi2)[:, k].mean():.2g}")
-        if forecast.outside is not None and (share := of_seeds(forecast.outside)[:, k].mean()) >= 0.5:
+        if forecast.outside is not None and of_seeds(forecast.outside)[:, k].mean() >= 0.5:
             parts.append("outside the training windows' range")
         parts += [] if forecast.doubts is None else forecast.doubts.reasons(k)
         if forecast.trusted is None:
-            parts.append("whether to trust it is not known (--validation says it)")
+            parts.append("whether to trust it is unknown (give --validation)")
         else:
-            share = of_seeds(forecast.trusted)[:, k].mean()
-            parts.append("to be trusted" if share == 1 else f"not to be trusted (by {share:.0%} of the seeds)")
+            parts.append(_verdict(int((~of_seeds(forecast.trusted)[:, k].astype(bool)).sum()), seeds))
         yield ", ".join(parts)
+
+
+def _verdict(against: int, seeds: int) -> str:
+    """Whether to trust a window's forecast, which a number of the seeds do not."""
+    if against == 0:
+        return "to be trusted"
+    return "not to be trusted" + (f" ({against} of {seeds} seeds distrust it)" if seeds > 1 else "")
 
 
 def read_windows(path: Path, model: TrainedModel) -> tuple[list, np.ndarray, np.ndarray, np.ndarray | None]:

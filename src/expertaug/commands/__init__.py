@@ -38,10 +38,10 @@ def parser() -> argparse.ArgumentParser:
 def _parser() -> tuple[argparse.ArgumentParser, dict[str, str]]:
     """The parser, and what each name of a subcommand, former ones too, is called now."""
     raw = argparse.RawDescriptionHelpFormatter
-    text = "An equation and a learned term: from data to trusted forecasts. Each command has its own --help."
+    text = "Learn what an equation lacks from data, and forecast. Each command has its own --help."
     parser = argparse.ArgumentParser(prog="expertaug", description=text, formatter_class=raw)
     parser.add_argument("--version", action="version", version=__version__)
-    subparsers = parser.add_subparsers(dest="stage", required=True, metavar="COMMAND", help="one of those below")
+    subparsers = parser.add_subparsers(dest="stage", required=True, metavar="COMMAND", help="one of the commands below")
     groups: dict[str, list[str]] = {group: [] for group in TITLES}
     called: dict[str, str] = {}
 

@@ -26,7 +26,7 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     expertaug config show pendulum aphynity+ learning_rate epochs
     expertaug config show swings least_squares --configfile mine.yaml
     """
-    p = add("config", _config, "show what each job of a method gets, and where it comes from", "inspect", examples)
+    p = add("config", _config, "show the settings of each job of a method, and where each is set", "inspect", examples)
     p.add_argument("action", choices=("show",))
     p.add_argument("experiment", help="name of the experiment")
     p.add_argument("method", help="name of its method")
@@ -34,7 +34,7 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     p.add_argument("words", nargs="*", metavar="WORD", help=text)
     p.add_argument("--configfile", type=Path, nargs="+", default=[], metavar="YAML", help="files as in the workflow")
 
-    text = "say what a run asks of a cluster, by published costs"
+    text = "estimate the time and memory of a run, from what published runs took"
     p = add("demand", _demand, text, "inspect", "expertaug demand config/paper.yaml")
     p.add_argument("config", type=Path, nargs="+", help="YAML files over the default configuration, later ones win")
     p.add_argument("--published", type=Path, default=Path("results/published"), help="folder of published runs")

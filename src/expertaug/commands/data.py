@@ -19,10 +19,10 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     expertaug inspect-video my/*.mp4 --output contact.png > my.yaml
     expertaug inspect-video my/series --times names --time-unit 0.001
     """
-    text = "show what videos show and propose their configuration"
+    text = "show what is in videos and propose a configuration"
     p = add("inspect-video", _inspect, text, "use", examples, ["inspect"])
     p.add_argument("videos", type=Path, nargs="+", metavar="VIDEO", help="video file, or folder of pictures")
-    text = "contact sheet, .png or .jpg"
+    text = "contact sheet, .png or .jpg (default: %(default)s)"
     p.add_argument("--output", type=Path, default=Path("contact.png"), metavar="PATH", help=text)
     p.add_argument("--rate", type=float, metavar="HZ", help="frame rate (default: the videos' own)")
     for name, text in (("from", "first"), ("to", "last")):
@@ -38,19 +38,19 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     expertaug inspect-data swings.csv --system pendulum > mine.yaml
     expertaug inspect-data lab/*.csv --system pendulum --unit angle=deg --set skip_lines=3
     """
-    p = add("inspect-data", _inspect_data, "show what tables hold and propose their configuration", "use", examples)
+    p = add("inspect-data", _inspect_data, "show what tables hold and propose a configuration", "use", examples)
     p.add_argument("files", nargs="+", metavar="FILE", help="tables or globs: CSV, Parquet or NPZ")
-    text = "system whose components the columns are: a name, or JSON with name and arguments (default: none)"
+    text = "system whose state the columns hold: a name, or JSON with name and arguments (default: none)"
     p.add_argument("--system", metavar="NAME", help=text)
     p.add_argument("--time", metavar="COLUMN", help="the column of times (default: by its name)")
     p.add_argument(
-        "--trajectory", metavar="COLUMN", help="the column that tells trajectories apart (default: by its name)"
+        "--trajectory", metavar="COLUMN", help="column that names each row's trajectory (default: by its name)"
     )
     text = "unit of a column, such as 'theta=deg' (default: as its header says); may be given several times"
     p.add_argument("--unit", metavar="COLUMN=UNIT", action="append", default=[], help=text)
-    text = "known key of data.files, such as 'time_format=%%d.%%m.%%Y' or skip_lines=3; may be given several times"
+    text = "set a key of data.files, such as 'time_format=%%d.%%m.%%Y' or skip_lines=3; may be given several times"
     p.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help=text)
-    text = "picture, .png or .pdf"
+    text = "picture of the data, .png or .pdf (default: %(default)s)"
     p.add_argument("--output", type=Path, default=Path("data.png"), metavar="PATH", help=text)
 
     examples = """
@@ -58,19 +58,19 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     expertaug forecast --model model.safetensors window.csv --refine estimated
     """
     p = add("forecast", _forecast, "forecast from observed windows with a trained model", "use", examples)
-    text = "CSV: t, the state's components; sample, where it holds several windows; or a table like the training's"
+    text = "CSV with t in s, the state's components and, for several windows, sample; or a table like the training's"
     p.add_argument("window", type=Path, help=text)
     add_paths(p, model="model file")
     p.add_argument("--output", type=Path, metavar="CSV", help="file of the forecasts (default: standard output)")
     p.add_argument("--seed", type=int, help="one of the model's seeds (default: all)")
-    p.add_argument("--t-end", type=float, metavar="S", help="last time in s (default: the training's)")
-    text = "refine the estimates by least squares on each window; give the noise's standard deviation, 0 for none, or "
-    p.add_argument("--refine", type=_noise, metavar="NOISE", help=text + "estimated, as from the training's data")
-    text = "npz like the training's (a run's data/validation.npz): whence the threshold of the column trusted is taken"
-    p.add_argument("--validation", type=Path, metavar="NPZ", help=f"{text} (default: the model file)")
-    text = "how tables like the training's are read: data/splits.json of a run, or its configuration (default: the "
-    p.add_argument("--measurements", type=Path, metavar="FILE", help=text + "run that the model file lies in)")
-    text = "package.module:Class of your own that the model may use; may be repeated"
+    p.add_argument("--t-end", type=float, metavar="S", help="end of the forecast in s (default: the training's)")
+    text = "refine the estimates by least squares on each window: the noise's standard deviation, 0 for none, or "
+    p.add_argument("--refine", type=_noise, metavar="NOISE", help=text + "estimated for that of the training data")
+    text = "trajectories that set the threshold of the column trusted, such as a run's data/validation.npz "
+    p.add_argument("--validation", type=Path, metavar="NPZ", help=f"{text}(default: the threshold in the model file)")
+    text = "says how tables like the training's are read: data/splits.json of a run, or its configuration (default: "
+    p.add_argument("--measurements", type=Path, metavar="FILE", help=text + "that of the run with the model file)")
+    text = "package.module:Class of yours that the model needs; may be given several times"
     p.add_argument("--class", dest="classes", action="append", default=[], metavar="NAME", help=text)
 
 

@@ -12,7 +12,7 @@ logger = logging.getLogger(__name__)
 
 def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     """Add this module's subcommands."""
-    text = "make the MLflow store again from the logs"
+    text = "rebuild the MLflow store from the logs"
     p = add("rebuild-tracking", _rebuild_tracking, text, "inspect", "expertaug rebuild-tracking results")
     p.add_argument("results", type=Path, help="results folder")
     p.add_argument("--uri", help="of the store (default: sqlite in RESULTS/mlflow)")
@@ -23,10 +23,10 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     examples = """
     expertaug publish config/config.yaml --to published/mine --command "snakemake --cores 2"
     """
-    p = add("publish", _publish, "keep the tables and figures of a finished run", "use", examples)
+    p = add("publish", _publish, "copy a finished run's tables, figures and provenance to a folder", "use", examples)
     p.add_argument("config", type=Path, nargs="+", help="YAML files of the run, later ones win")
-    p.add_argument("--to", type=Path, required=True, metavar="FOLDER", help="folder, which is replaced")
-    p.add_argument("--command", required=True, help="how the run was started, for the record")
+    p.add_argument("--to", type=Path, required=True, metavar="FOLDER", help="folder; what it holds is replaced")
+    p.add_argument("--command", required=True, help="the command that started the run, for its provenance")
 
 
 def _rebuild_tracking(a: argparse.Namespace) -> None:

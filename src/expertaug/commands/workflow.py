@@ -13,7 +13,7 @@ _PROFILES = ("--profile", "--workflow-profile")
 
 def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     """Add this module's subcommands."""
-    text = "run the workflow: snakemake with the Snakefile of this package, results below the working directory"
+    text = "run the workflow: snakemake with the Snakefile of this package; results go below the working directory"
     examples = """
     expertaug run --cores 2 --configfile config/smoke.yaml    # the small run
     expertaug run --cores 2                                   # the default reproduction

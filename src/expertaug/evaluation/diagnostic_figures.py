@@ -106,18 +106,19 @@ def draw_alarm(scores: Mapping[str, Assessment], title: str = "") -> Figure:
         left.plot([0, 1], [0, 1], **IDEAL)
         right.plot(first.risk.kept, first.risk.best, color="0.45", linewidth=0.9, linestyle=(0, (4, 2)))
         right.axhline(first.risk.risk[-1], **IDEAL)
-        bad = f"{first.failing.sum()} of {len(first.failing)} windows fail"
-        left.set(xlabel="false alarms (share of the others)", ylabel="caught (share of the failing)", title=bad)
+        bad = f"{first.failing.sum()} of {len(first.failing)} forecasts fail"
+        left.set(xlabel="false alarms (share of good forecasts)", ylabel="failing forecasts caught (share)", title=bad)
         left.set(xlim=(-0.02, 1), ylim=(0, 1.02))
-        right.set(xlabel="share of the windows kept", ylabel="squared error of those kept", xlim=(0, 1.01))
-        right.set(title="the most suspicious refused first")
+        right.set(xlabel="share of the windows kept", ylabel="mean squared error of the windows kept", xlim=(0, 1.01))
+        right.set(title="most suspicious windows refused first")
         plotting.plain_log(right)
         for axis in (left, right):
             axis.grid()
         dot = {"linestyle": "", "marker": "o", "markersize": 4, "color": "0.3"}
         handles.append(Line2D([], [], label="threshold from validation", **dot))
-        handles.append(Line2D([], [], color="0.45", linestyle=(0, (4, 2)), linewidth=0.9, label="refused by the error"))
-        handles.append(Line2D([], [], label="refused by chance", **IDEAL))
+        best = {"color": "0.45", "linestyle": (0, (4, 2)), "linewidth": 0.9}
+        handles.append(Line2D([], [], label="refused by the true error", **best))
+        handles.append(Line2D([], [], label="refused at random", **IDEAL))
         plotting.legend(figure, handles)
         if title:
             plotting.heading(figure, plotting.text(title))

@@ -242,7 +242,7 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
                 _scale(axis, metric, shown, [getattr(bin_, metric).value for bin_ in block.get(floor, [])])
         for axis in axes[-1]:
             of = shifted[0] if len(shifted) == 1 else shifted[list(axes[-1]).index(axis)]
-            axis.set_xlabel(f"{plotting.text(of)} beyond the training range [its widths]")
+            axis.set_xlabel(f"distance of {plotting.text(of)} from the training range [range widths]")
         plotting.heading(figure, plotting.text(title))
         handles, texts = axes[0, 0].get_legend_handles_labels()
         for handle, text in zip(handles, texts, strict=True):

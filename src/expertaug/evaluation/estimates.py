@@ -9,7 +9,6 @@ spread; its mean has Student's t intervals (Hartung & Knapp 2001).
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -373,7 +372,10 @@ def _named(estimate: TabledEstimate, beside: Sequence[TabledEstimate]) -> str:
     """What is printed for an estimate: the version, and of what it is where there are several or the label does not
     say it."""
     several = sum(other.method == estimate.method for other in beside) > 1
-    of = re.sub(r"/0$", "", estimate.of).replace("_", " ")  # a file of a single trajectory
+    file, _, number = estimate.of.rpartition("/")
+    others = (other.of for other in beside if other.of != estimate.of)
+    alone = number == "0" and not any(of.startswith(f"{file}/") for of in others)
+    of = (file if alone else estimate.of).replace("_", " ")  # a file of a single trajectory
     label = plotting.text(estimate.label)
     return f"{label}, {of}" if several and estimate.of != SHARED else label
 

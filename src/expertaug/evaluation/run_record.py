@@ -59,7 +59,7 @@ def costs_table(measured: Mapping[str, Cost]) -> Table:
     rows = [_row(name.replace("_", " "), found) for name, found in ranked]
     if len(rows) > 1:
         rows.append(_row("all", list(measured.values())))
-    return Table(["stage", "jobs", "time in sum", "longest job", "largest memory of a job [MB]"], [("", rows)])
+    return Table(["stage", "jobs", "total time", "longest job", "largest memory of a job [MB]"], [("", rows)])
 
 
 def duration(seconds: float) -> str:

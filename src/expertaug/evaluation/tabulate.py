@@ -41,25 +41,25 @@ KNOWN_FORM = "F_a of known form, which does not compete"  # a title over rows
 BEHIND = 1.0  # nats
 VALIDATION = "validation"
 WORST = (
-    "Log-MSE of the worst seed; in brackets, how many seeds are more than a nat behind the best of the same version, "
-    "or have no finite value."
+    "Log-MSE of the worst seed; in brackets, how many seeds are worse by more than 1 than the best of the same "
+    "version, or have no finite value."
 )
 BEST = "Bold: the best of each column, and those without a significant difference from it."
 # Only the first is a gain of augmentation: an augmented version was also trained for longer than its base.
 OVER_CONTROL, FROM_BASE = "gain over control", "difference from base"
 CHOICE = (
     "Choice by validation: the simplest version whose log-MSE there is within one standard error of the best one's "
-    "(both of the difference between pairs of the same seed and samples). Simpler: without a network before with one, "
-    "what all windows share before what each has, without an encoder before with one; else in the order of the "
-    "methods. Validation windows are like the training's: of a shift that they do not have the choice knows nothing."
+    "(of the difference, paired by seed and sample). Versions without a network are simpler than those with one, then "
+    "values that all windows share than those of each, then versions without an encoder; otherwise the order of the "
+    "methods decides. The choice cannot account for a shift that the validation windows do not have."
 )
 CHOSEN = "chosen"
 KINDS = (OVER_CONTROL, FROM_BASE)
 GAINS = (
-    "Gain over control: how much lower the error is than that of the control, the same base model trained on for the "
-    "same steps on the real data alone. Difference from base: how much lower it is than that of the base model, which "
-    "had fewer steps: no gain of augmentation. Positive is better. Means over pairs of the same seed and the same "
-    "samples with their 95 % intervals; bold: significant."
+    "Gain over control: how much lower the error is than that of the control, the same base model trained further for "
+    "as many steps on the real data alone. Difference from base: how much lower it is than that of the base model, "
+    "which had fewer steps: no gain of augmentation. Positive is better. Means over pairs of the same seed and "
+    "sample with their 95 % intervals; bold: significant."
 )
 
 

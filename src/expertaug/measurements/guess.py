@@ -98,13 +98,17 @@ def guess(
         time_format: how dates and times are written, where that is known.
 
     Raises:
-        InputError: no column can be the times, they may be read in two ways, or a unit is not understood.
+        InputError: no column can be the times, they may be read in two ways, a unit is not understood, or a column that
+            is said to be known does not exist.
     """
     numbers = {}
     for name in table.names:  # a cell that is no number is told when the column is read
         values = table.mostly(name)
         if values is not None:
             numbers[name] = values
+    for option, name in {"--time": time, "--trajectory": trajectory}.items():
+        if name is not None and name not in table.names:
+            raise InputError(option, f"no column '{name}'", f"its columns are {', '.join(table.names)}")
     trajectory = trajectory or _trajectory(numbers, table)
     found = time or _time(numbers, table, trajectory)
     date = date or _date(table, found)

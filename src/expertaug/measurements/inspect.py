@@ -242,18 +242,20 @@ class Inspection:
         spans = [float(one.t[-1] - one.t[0]) for one in rows]
         yield f"{_count(len(self.files), 'file')}, {_count(len(rows), 'trajectory')}, {_count(sum(counts), 'row')}"
         yield f"columns: {', '.join(self.table.names)}"
-        unit = self.guess.time.unit or "taken as s: no unit is told"
+        unit = self.guess.time.unit or "s is assumed: no unit is given"
         if self.settings.time_format is not None:
             unit = f"as {self.settings.time_format}"
         yield f"times: '{self.guess.time.name}' ({unit}), trajectories: {self._told()}"
-        yield f"rows of a trajectory: {min(counts)} to {max(counts)}, {min(spans):.6g} to {max(spans):.6g} s"
+        rows_each = _range(*(f"{of(counts)}" for of in (min, max)))
+        yield f"rows per trajectory: {rows_each}, over {_range(*(f'{of(spans):.4g}' for of in (min, max)))} s"
         yield f"step: {grid.row_s:.6g} s ({1 / grid.row_s:.6g} Hz)"
         gaps = np.concatenate([np.diff(one.t) for one in rows]) / grid.row_s
         long = gaps[gaps > 1.5]
         if len(long):
-            yield f"gaps: {len(long)}, up to {long.max() * grid.row_s:.4g} s ({round(long.max()) - 1} points)"
+            missing = _count(round(long.max()) - 1, "missing row")
+            yield f"gaps: {len(long)}, up to {long.max() * grid.row_s:.4g} s ({missing})"
         if repeated := sum(one.repeated for one in rows):
-            yield f"rows of a time that another row has: {repeated}"
+            yield f"rows whose time another row has too: {repeated}"
         yield from self.remarks
         yield from (one.says(self.settings) for one in self.slopes)
         for k, name in enumerate(self.names.state):
@@ -278,21 +280,21 @@ class Inspection:
     def _component(self, k: int, name: str, values: np.ndarray) -> str:
         known, noise = values[np.isfinite(values)], self.noise[k]
         column = column_of(self.settings.columns[name])
-        text = f"{name} (column '{column.name}'): {known.min():.6g} to {known.max():.6g}"
-        text = f"{text} {self.names.state[name]}".rstrip()
+        unit = f" {self.names.state[name]}".rstrip()
+        text = f"{name} (column '{column.name}'): {known.min():.4g} to {known.max():.4g}{unit}"
         if self.names.state[name] and column.unit is None:
-            text += " (taken as that: no unit is told)"
+            text += " (assumed: no unit is given)"
         text += f", {len(values) - len(known)} empty cells" if len(known) < len(values) else ""
         if np.isfinite(self.resolution[k]):
-            text += f", noise at least {noise:.2g}, that of steps of {self.resolution[k]:.4g} (a step / √12)"
+            text += f", noise at least {noise:.2g}{unit}, from steps of {self.resolution[k]:.4g}{unit} (step / √12)"
         elif np.isfinite(noise):
-            text += f", noise about {noise:.2g}"
+            text += f", noise about {noise:.2g}{unit}"
         if self.data.grid.error is not None:
             text += f", interpolation from every other row is off by {self.data.grid.error[k]:.2g} (rms)"
         return text
 
     def _told(self) -> str:
-        return "a file each" if self.guess.trajectory is None else f"by '{self.guess.trajectory}'"
+        return "one per file" if self.guess.trajectory is None else f"by '{self.guess.trajectory}'"
 
     def draw(self, output: Path) -> None:
         """A picture of the first trajectories: every component against time."""
@@ -307,8 +309,15 @@ class Inspection:
                     axis.plot(t - one.rows.t[0], y, linewidth=0.6, marker=".", markersize=2)
                 name = list(self.names.state)[k]
                 axis.set_ylabel(plotting.quantity(name, self.names.state[name]))
+            of_all = len(self.data.grid.series)
+            axes[0].set_title(f"the first {len(series)} of {_count(of_all, 'trajectory')}")
             axes[-1].set_xlabel("t [s]")
             plotting.save(figure, output)
+
+
+def _range(low: str, high: str) -> str:
+    """Two numbers as they are printed, or one where these do not differ."""
+    return low if low == high else f"{low} to {high}"
 
 
 def _count(number: int, what: str) -> str:

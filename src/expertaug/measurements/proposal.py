@@ -26,8 +26,11 @@ READING = (
 )
 # How the test set of a split is called in tables and figures, and what it is.
 TESTS = {
-    "time": ("test (later)", "the end of each trajectory tests: the same motion later, not another one"),
-    "trajectories": ("test (other trajectories)", "trajectories drawn at random test: new ones of the same kind"),
+    "time": ("test (later)", "the test set is the end of each trajectory: the same motion later, not another one"),
+    "trajectories": (
+        "test (other trajectories)",
+        "the test set is other trajectories of the same kind, drawn at random",
+    ),
 }
 
 
@@ -54,9 +57,9 @@ def proposal(
     split = "trajectories" if "pieces" in settings["split"] else "time"
     remarks = {"split": TESTS[split][1]}
     if split == "trajectories" and len(found.data.grid.series) < FEW:
-        remarks["split"] += f"; of {len(found.data.grid.series)}, so that scores hang on a few of them"
+        remarks["split"] += f"; there are only {len(found.data.grid.series)}, so scores depend on a few of them"
     if "phases" in settings:
-        remarks["step_s"] = "a chunk of successive rows would end within a swing"
+        remarks["step_s"] = "chunks of successive rows would end within a swing"
     unseen = [name for name in found.names.state if name not in settings["columns"]]
     start = {name: _guessed(found) for name in unseen}
     prior = {name: [float(f"{end:.6g}") for end in ends] for name, ends in priors.items()}
@@ -68,20 +71,20 @@ def proposal(
     training = {"epochs": 200, "batch_size": 20, "learning_rate": 3e-3, "horizon_warmup": 0.3, "expert_first": 0.2}
     blocks = [
         *([comment(said)] if (said := cut.told_short()) else []),
-        f"# expertaug validate FILE; snakemake --cores 2 --configfile FILE   ({_told(counts)})",
+        f"# next: expertaug validate FILE; snakemake --cores 2 --configfile FILE   ({_told(counts)})",
         "results: results/measured",
         f"run: [{NAME}]",
         "experiments:",
         f"  {NAME}:",
         f"    system: {flow(system or {'name': 'NAME'})}"
-        + ("" if system else "  # a module of yours, as mysystems.oscillator"),
+        + ("" if system else "  # a module of yours, such as mysystems.oscillator"),
         "    data:",
         "      source: files",
         f"      t1_s: {t1_s:.12g}  # end of the observed window",
         f"      noise: {flow(_noise(found))}",
     ]
     if start:
-        blocks.append(f"      start: {flow(start)}  # nobody measured these: say between what they begin")
+        blocks.append(f"      start: {flow(start)}  # not measured: give the range of the first values")
     blocks.append("      files:")
     blocks += [
         f"        {key}: {flow(value)}" + (f"  # {remarks[key]}" if remarks.get(key) else "")
@@ -97,7 +100,7 @@ def proposal(
     if prior or system is None:
         shown = flow(prior) if prior else "{PARAMETER: [0.1, 10.0]}"
         blocks += [
-            f"    augmentation: {{prior: {shown}}}  # p+: between what the expert's parameters may lie",
+            f"    augmentation: {{prior: {shown}}}  # p+: the range in which the expert's parameters may lie",
             "    finetuning: {epochs: 100, batch_size: 20, learning_rate: 3.0e-3}",
         ]
     overrides: dict[str, object] = {"ml_only": {"training": {"expert_first": 0.0}}}
@@ -122,12 +125,12 @@ def _sharing(found: Inspection, constants: Sequence[str]) -> list[str]:
     sensors = [f"      sensors: {flow(scales)}"] if scales else []
     if len(found.data.grid.series) < FEWEST:
         units = flow(dict.fromkeys(constants, "shared"))
-        told = "one apparatus: one value for all windows; of several ones: window"
+        told = "one value for all windows of one apparatus; if there are several, write window"
         return ["    refinement:", f"      units: {units}  # {told}", *sensors]
     units, population = (flow(dict.fromkeys(constants, word)) for word in ("trajectory", "normal"))
-    blocks = ["    refinement:", f"      units: {units}  # a value each; of one apparatus for certain: shared"]
+    blocks = ["    refinement:", f"      units: {units}  # one value each; if all are of one apparatus, write shared"]
     if len(found.data.grid.series) > FEWEST:
-        blocks.append(f"      population: {population}  # their distribution, narrow where trajectories hardly differ")
+        blocks.append(f"      population: {population}  # of these values; narrow where trajectories hardly differ")
     return blocks + sensors
 
 

@@ -103,7 +103,7 @@ def check_half_told(table: Table, columns: Mapping[str, Column], state: Mapping[
     silent = [n for n in angular if said[n] is None and (columns[n].factor, columns[n].offset) == (1.0, 0.0)]
     if other and silent:
         column = columns[silent[0]].name
-        found = f"'{columns[other[0]].name}' is in {said[other[0]]}, and no unit is told of '{column}'"
+        found = f"'{columns[other[0]].name}' is in {said[other[0]]}, and '{column}' has no unit"
         told_how = remedy.format(column=column, component=silent[0], unit=state[silent[0]])
         raise InputError(table.path, found, f"say which: {told_how}, or another")
 

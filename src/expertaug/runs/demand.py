@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict
 
 from expertaug.config import jobs
 from expertaug.config.models import Configuration, Experiment
+from expertaug.errors import InputError
 from expertaug.evaluation import costs
 from expertaug.versions import Version
 
@@ -95,8 +96,13 @@ def of_config(config: Configuration, published: Path) -> list[Row]:
     version, their seconds times the ratio of passes, samples and seeds (an upper bound, as seeds are trained together),
     their memory times that of seeds. Without these, the mean of the stage's jobs in that experiment, else in all.
     Networks of other sizes are not accounted for.
+
+    Raises:
+        InputError: the folder holds no published run.
     """
     asked, known = list(_jobs(config)), _published(published)
+    if not known:
+        raise InputError("--published", f"no published run in '{published}'", "give the folder that holds them")
     runs = Counter(seen.run for job in asked for seen in known.get(job[:3], []) if seen.job == job)
     rows = []
     for stage in STAGES:
@@ -116,7 +122,7 @@ def table(rows: list[Row]) -> list[str]:
     largest = float(np.nanmax(longest_h)), float(np.nanmax(memory_mb))
     total = Row("all", jobs_of_all, float(np.nansum(hours)), *largest, known)
     cells = [[r.stage, f"{r.jobs:.0f}", *map(_number, r[2:5]), f"{r.known:.0f}"] for r in (*rows, total)]
-    head = ["stage", "jobs", "hours in sum", "longest job, h", "memory of a job, MB", "seen before"]
+    head = ["stage", "jobs", "total [h]", "longest job [h]", "largest memory [MB]", "published before"]
     return [f"| {' | '.join(line)} |" for line in (head, ["---", *["---:"] * 5], *cells)]
 
 
@@ -193,4 +199,6 @@ def _like(
 
 
 def _number(value: float) -> str:
-    return "?" if math.isnan(value) else f"{value:.1f}" if value < 100 else f"{value:.0f}"
+    if math.isnan(value):
+        return "?"
+    return f"{value:.{0 if value >= 100 else 1 if value >= 0.95 else 2}f}"  # half a minute is 0.01 h

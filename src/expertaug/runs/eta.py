@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
+from statistics import median
 
+LEARNING = ("train", "finetune", "flow")  # stages whose costs depend most on the experiment
 UNMEASURED_S = 5.0  # a job of a stage that nobody has measured
 TRUST_S = 60.0  # of published seconds: a few short jobs, mostly start-up, say little of how fast this host is
 _POINT = re.compile(r"@\d+")
@@ -17,6 +19,21 @@ def closest(published: Mapping[str, Mapping[str, float]], jobs: Iterable[str]) -
     shared = {name: len(jobs & costs.keys()) for name, costs in published.items()}
     best = max(shared, key=shared.__getitem__, default=None)
     return best if best is not None and shared[best] else None
+
+
+def learns_alike(costs: Iterable[str], jobs: Iterable[str]) -> bool:
+    """Whether one of these jobs' learning is among the costs, with any seeds; true where the jobs learn nothing."""
+    learning = {_seedless(job) for job in jobs if _stage(job) in LEARNING}
+    return not learning or bool(learning & set(map(_seedless, costs)))
+
+
+def typical(published: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """The median cost of each stage's jobs over all published runs, as that of one job of the stage."""
+    groups: dict[str, list[float]] = {}
+    for costs in published.values():
+        for job, seconds in costs.items():
+            groups.setdefault(_stage(job), []).append(seconds)
+    return {f"{stage}/": median(values) for stage, values in groups.items()}
 
 
 def estimator(costs: Mapping[str, float], measured: Mapping[str, float]) -> Callable[[str], float]:

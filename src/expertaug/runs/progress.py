@@ -59,11 +59,13 @@ class Watch(logging.Handler):
         """How long the run will take, in one line."""
         jobs, published = self.jobs(), costs.published(self.published)
         name = eta.closest(published, jobs)
-        self.costs = dict(published.get(name or "", {}))
         cores = f"{self.cores} core{'s' * (self.cores > 1)}"
-        if name is None and not self.measured():
-            return f"{count(jobs)} on {cores}; how long they take is told when some have ended."
-        source = f" (by the costs of the published run '{name}')" if name else ""
+        if not published and not self.measured():
+            return f"{count(jobs)} on {cores}; the time left is estimated once some have ended."
+        if name is not None and eta.learns_alike(published[name], jobs):
+            self.costs, source = dict(published[name]), f" (by the costs of the published run '{name}')"
+        else:  # the toy run has jobs of every run, such as its report: it says nothing of how long others train
+            self.costs, source = eta.typical(published), " (a guess: no published run has these experiments)"
         unknown = eta.stages(jobs) - self.known()
         about = "At least" if unknown else "About"
         return f"{about} {self.left(jobs)} for {count(jobs)} on {cores}{source}."

@@ -67,7 +67,7 @@ class Evaluate(StageWithPrior):
 
 
 class LogEvaluations(Stage):
-    """draw the own figures of an experiment's evaluations and store their logs"""
+    """draw a figure of each evaluation and write the logs to the MLflow store"""
 
     name = "log-evaluations"
     code = "expertaug.evaluation.log_evaluations"
@@ -230,14 +230,14 @@ class _WindowStudy(StudyStage):
 
 
 class Alarm(_WindowStudy):
-    """judge by the observed windows which forecasts fail"""
+    """predict from the observed windows which forecasts fail"""
 
     name = "alarm"
     code = "expertaug.evaluation.alarms"
 
 
 class Coverage(_WindowStudy):
-    """show whether intervals of the expert parameters hold"""
+    """check how often intervals of the expert parameters contain the truth"""
 
     name = "coverage"
     code = "expertaug.evaluation.coverage"
@@ -278,12 +278,11 @@ class Grid(StudyStage):
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
-
         return files.of_versions(experiment, files.config.experiments[experiment].points, "model.safetensors")
 
 
 class Validity(StudyStage):
-    """check whether the interaction model holds where z_e has moved"""
+    """check whether the interaction model still holds where z_e is shifted"""
 
     name = "validity"
     code = "expertaug.evaluation.validity"
@@ -324,7 +323,7 @@ class Validity(StudyStage):
 
 
 class Dissipation(StudyStage):
-    """compare the power that models dissipate with the loss of energy"""
+    """compare the power that models dissipate with the measured loss of energy"""
 
     name = "dissipation"
     code = "expertaug.evaluation.dissipation"
@@ -365,7 +364,7 @@ class Dissipation(StudyStage):
 
 
 class Estimates(StudyStage):
-    """make the table and the figure of the parameters that each version states"""
+    """make the table and the figure of the parameters that each version estimates"""
 
     name = "estimates"
     code = "expertaug.evaluation.estimates"
@@ -459,7 +458,7 @@ class Equation(StudyStage):
 
 
 class OwnPriors(StudyStage):
-    """make the table of the ranges that p⁺ has found"""
+    """make the table of the ranges found for p⁺"""
 
     name = "tabulate-own-prior"
     former = ("own-priors",)
@@ -519,7 +518,7 @@ class Compare(Stage):
 
 
 class Overview(Stage):
-    """draw the figures over several experiments"""
+    """draw the figures that compare experiments"""
 
     name = "overview"
     code = "expertaug.evaluation.dots"

@@ -105,7 +105,7 @@ class Share(StageWithPrior):
 
 
 class OwnPrior(Stage):
-    """find the ranges of p⁺ from the windows that it is to cover, or until a budget"""
+    """find the ranges of p⁺ from the windows that it has to cover, or up to a budget"""
 
     name = "own-prior"
     code = "expertaug.inference.adaptive_prior"
@@ -181,7 +181,7 @@ class Finetune(StageWithPrior):
 
 
 class Flow(StageWithPrior):
-    """learn the posterior of a trained model from its own draws"""
+    """learn the posterior of a trained model from its own simulations"""
 
     name = "flow"
     code = "expertaug.inference.flow_training"

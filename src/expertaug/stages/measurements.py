@@ -36,7 +36,7 @@ class CutMeasurements(Stage):
 
 
 class CutMeasuredHorizon(Stage):
-    """cut long chunks out of the points of a split"""
+    """cut longer chunks out of the points of each set"""
 
     name = "cut-measured-horizon"
     code = "expertaug.measurements.horizons"

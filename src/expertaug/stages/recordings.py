@@ -339,7 +339,7 @@ class SplitChunks(Stage):
 
 
 class CutHorizon(Stage):
-    """cut long chunks out of the frames of a split"""
+    """cut longer chunks out of the frames of each set"""
 
     name = "cut-horizon"
     code = "expertaug_recordings.chunks"

@@ -16,11 +16,11 @@ from expertaug.versions import Version
 CHOSEN = "validation"  # the set by which rows are chosen
 CAPTION = (
     "Log-MSE of forecasts (lower is better): mean over seeds with its 95 % interval, or ± standard deviation over "
-    "seeds where samples' errors are not kept. Rows are chosen by the validation set alone: the method that is best "
-    "there, and the augmented model (+) that is best there, with its control, the same base trained on for the same "
-    "steps on the real data alone, and that base. Beside them stand, whatever their scores, least squares on each "
-    "window and the floor, the equation that made the data. Gain: of an augmented model over its control on the test "
-    "set; *: significant."
+    "seeds where single samples' errors are not kept. Rows are chosen by the validation set alone: the best method "
+    "there, and the best augmented model (+) with its control (the same base model, trained further for as many steps "
+    "on the real data alone) and its base. For comparison: least squares on each window and, as the floor, the "
+    "equation that generated the data. Gain: how much lower the augmented model's log-MSE on the test set is than its "
+    "control's; *: significant."
 )
 
 BESIDE = {OVER_CONTROL: "its control", FROM_BASE: "its base"}
@@ -74,7 +74,14 @@ def table(experiments: Sequence[tuple[Sequence[TabledMean], ReportExperiment]]) 
             shown = [_text(scores, row.method, name, job) for name in sets]
             rows.append([labels[row.method], row.why, *shown, gain(scores.get((row.method, "test"))) or DASH])
         parts.append((part(job), rows))
-    return Table(["method", "shown as", *map(Titles().of_set, sets), "gain over control, test"], parts, 2)
+    titles = [_of_set(name, experiments) for name in sets]
+    return Table(["method", "shown as", *titles, "gain over control, test"], parts, 2)
+
+
+def _of_set(name: str, experiments: Sequence[tuple[Sequence[TabledMean], ReportExperiment]]) -> str:
+    """A set's title: the experiments' own where all call it the same."""
+    titles = {job.of_set(name) for _, job in experiments}
+    return titles.pop() if len(titles) == 1 else Titles().of_set(name)
 
 
 def part(job: ReportExperiment) -> str:

@@ -26,6 +26,7 @@ from expertaug.tracking.settings import tracking_of_run
 TEMPLATE = Path(__file__).with_name("page.html")
 RECORDINGS, OVERALL = "Recordings", "All experiments"
 ESTIMATES = "estimates"
+LONG = 40  # rows of a table that is folded
 FIRST = (ESTIMATES, "alarm")  # of an experiment: what a laboratory asks, before the scores of methods
 
 
@@ -154,11 +155,16 @@ def _blocks(
     experiment: ReportExperiment | None = None,
     folded: bool = True,
 ) -> list[Block]:
-    """Figures, each with its table below it, folded or not, and then tables that have no figure."""
-    blocks: list[Block] = []
+    """Figures, each with its table below it, folded or not, and then tables that have no figure.  What has nothing to
+    show, no row or only words in place of a picture, is left out."""
+    blocks: list[Block | None] = []
     of_figures = {file.stem: file for file in shown if not file.is_figure}
     for file in sorted(shown, key=lambda file: not file.is_figure):
-        if file.is_figure:
+        if file.is_figure and file.is_note(results):
+            if file.stem in of_figures:
+                said = file.text(job.preset)
+                blocks.append(_table(numbers, of_figures[file.stem], results, job, said, experiment, folded))
+        elif file.is_figure:
             figure = numbers.figure(
                 file.title, file.text(job.preset), file.picture(results), "recording" in file.wildcards
             )
@@ -168,7 +174,7 @@ def _blocks(
                 blocks.append(_table(numbers, of_figures[file.stem], results, job, said, experiment, folded))
         elif file.stem not in {block.stem for block in shown if block.is_figure}:
             blocks.append(_table(numbers, file, results, job, file.text(job.preset), experiment))
-    return blocks
+    return [block for block in blocks if block is not None]
 
 
 def _table(
@@ -179,7 +185,8 @@ def _table(
     caption: str,
     experiment: ReportExperiment | None,
     folded: bool = False,
-) -> Block:
+) -> Block | None:
+    """A file's table, folded if it is long; None if it has no row."""
     path = check_inside(results / file.csv, results)
     if file.stem == "published":
         table = tables.published(path, {e.name: e.of_experiment(e.name) for e in job.experiments})
@@ -190,7 +197,7 @@ def _table(
         table = tables.stated(path)
     else:
         table = tables.of_file(path, experiment or Reading())
-    return numbers.table(file.title, caption, table, folded)
+    return numbers.table(file.title, caption, table, folded or table.size > LONG) if table.size else None
 
 
 def _room(file: Shown) -> str | None:

@@ -70,6 +70,11 @@ class Shown:
         """The file of a table's numbers, in the results folder."""
         return str(Path(self.path).with_suffix(".csv"))
 
+    def is_note(self, results: Path) -> bool:
+        """Whether the figure says only why there is nothing to draw (:func:`expertaug.plotting.note`)."""
+        path = check_inside(Path(results) / self.path, results)
+        return path.is_file() and f"Comment\0{plotting.NOTE}".encode() in path.read_bytes()[:4096]
+
     def picture(self, results: Path) -> tuple[str, int, int]:
         """The figure as a data URI, and its width and height on the page in px.
 

@@ -45,6 +45,7 @@ RECORDING = {
 }
 # Columns that say nothing beside the others, or that a label says better.
 UNSAID = ("experiment", "system", "preset", "method")
+HEADS = {"label": "method", "auroc": "AUROC"}  # columns of CSV files that are not printed by their own names
 
 
 def read(path: Path) -> pd.DataFrame:
@@ -157,7 +158,7 @@ def of_file(path: Path, reading: Reading) -> Table:
     texts = [name for name in kept if not pd.api.types.is_numeric_dtype(kept[name])]
     in_order = [*texts, *(name for name in kept if name not in texts)] if "label" in texts else list(kept)
     names = len(texts) if "label" in texts else 1
-    head = [name.replace("label", "method").replace("_", " ") for name in in_order]
+    head = [HEADS.get(str(name), str(name).replace("_", " ")) for name in in_order]
     rows = [[plain(value) for value in row] for row in kept[in_order].itertuples(index=False)]
     return Table(head, [("", rows)], names)
 
