@@ -10,7 +10,7 @@ from swings import NAMES, settings, swing, table
 
 import expertaug as ea
 from expertaug.errors import InputError
-from expertaug.measurements.cut import candidates, divide, measured, trajectories_of
+from expertaug.measurements.cut import all_chunks, candidates, divide, measured, trajectories_of
 
 FINE = 0.005
 NOISE = 0.002
@@ -101,3 +101,14 @@ def test_rows_that_no_chunk_can_hold_are_told(rows, caplog):
     assert not data.told_short(), "one row in a hundred and sixty is not worth a word"
     data = measured(own(longer, length=401, longest_gap=20), NAMES)
     assert not data.told_short()
+
+
+def test_where_no_chunk_has_enough_the_most_complete_ones_share_is_said(rows, tmp_path):
+    every = {**rows[1], "speed": np.where(np.arange(len(rows[1]["speed"])) % 2, rows[1]["speed"], np.nan)}
+    path = table(tmp_path / "half.csv", every)
+    with pytest.raises(InputError, match=r"the most complete chunk has [\d.]+: give that or less") as refused:
+        all_chunks(measured(own(path, min_seen=1.0), NAMES))
+    share = float(str(refused.value).partition("complete chunk has ")[2].partition(":")[0])
+    assert len(all_chunks(measured(own(path, min_seen=share), NAMES)).y)
+    with pytest.raises(InputError, match="min_seen"):
+        all_chunks(measured(own(path, min_seen=share + 0.02), NAMES))

@@ -6,7 +6,7 @@ import fnmatch
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -386,6 +386,19 @@ def sets_of(data: Measured) -> tuple[dict[str, Trajectories], dict[str, np.ndarr
     return {name: trajectories_of(data, of) for name, of in rows.items()}, rows, thresholds
 
 
+def _fewer_seen(data: Measured, labels: list[np.ndarray]) -> str:
+    """What would help where no chunk has enough measured: the share that the most complete one has."""
+    any_share = replace(data, settings=data.settings.model_copy(update={"min_seen": 0.0}))
+    points = data.grid.step * np.arange(data.settings.length)
+    shares = [
+        np.isfinite(data.grid.series[series].y[first + points][:, data.seen]).mean() / data.grid.share
+        for series, first in _apart(any_share, labels, "train", 1 if data.grid.share < 1 else data.settings.stride)
+    ]
+    if not shares:
+        return "give shorter chunks"
+    return f"the most complete chunk has {math.floor(100 * max(shares)) / 100:g}: give that or less, or shorter chunks"
+
+
 def all_chunks(data: Measured) -> Trajectories:
     """Chunks of everything, not divided into sets, ``stride`` points from one to the next.
 
@@ -398,6 +411,6 @@ def all_chunks(data: Measured) -> Trajectories:
     if not len(rows):
         also = ", its first point and all known inputs" if data.names.inputs else ", and its first point"
         found = f"no chunk has {data.settings.min_seen:g} of its values measured{also}"
-        remedy = _off_grid_or(data, "give a smaller one, or shorter chunks")
+        remedy = _off_grid_or(data, _fewer_seen(data, labels))
         raise InputError(f"{WHERE}.min_seen", found, remedy)
     return trajectories_of(data, thinned(rows, data.settings.limit("train")))
