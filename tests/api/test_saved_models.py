@@ -79,7 +79,7 @@ def test_the_mean_of_a_workflow_can_be_used(sets, tmp_path):
     from expertaug.models.card import RecipeRecord
     from expertaug.presets import resolve
 
-    names = dict.fromkeys(("experiment", "method", "label", "preset"), "mean")
+    names = dict.fromkeys(("experiment", "method", "label"), "mean") | {"preset": "corrected"}
     settings = {**names, "choices": resolve("corrected"), "seeds": [0, 1], "training": {}, "t1_s": 1.0}
     settings = UntrainedOptions.from_mapping(settings)
     described = RecipeRecord(system={"name": "pendulum"})

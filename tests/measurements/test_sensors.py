@@ -52,7 +52,7 @@ def test_a_quantised_sensor_has_the_noise_of_its_steps_and_chunks_span_its_swing
     told, data = inspected(
         csv(theta, -6.28 * np.sin(2 * np.pi * t) + 0.01 * np.random.default_rng(0).normal(size=12000), t)
     )
-    assert "that of steps of 0.01" in told
+    assert "from steps of 0.01" in told
     assert data["noise"]["theta"] == pytest.approx(step / 12**0.5, rel=0.01) and data["noise"]["omega"] > 0.005
     assert data["files"]["step_s"] == pytest.approx(1 / 40)
     assert data["files"]["length"] * data["files"]["step_s"] > 0.5
@@ -188,7 +188,7 @@ def test_sets_are_called_what_they_are(inspected, number, by):
     assert data["files"]["split"]["by"] == by
     titles = yaml.safe_load(told)["experiments"]["measured"]["evaluation"]["set_titles"]
     assert titles["test"] == ("test (later)" if by == "time" else "test (other trajectories)")
-    assert ("hang on a few" in told) == (number == 4)
+    assert ("depend on a few" in told) == (number == 4)
 
 
 LONG = [

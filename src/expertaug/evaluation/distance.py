@@ -288,6 +288,6 @@ def _line(axis: Axes, curve: Sequence[Bin], metric: str, look: plotting.Look) ->
     if good:
         places, means = zip(*good, strict=True)
         axis.plot(places, [each.value for each in means], linewidth=1.2, label=curve[0].label, **look)
-        axis.fill_between(
-            places, [each.low for each in means], [each.high for each in means], color=look["color"], alpha=0.15, lw=0
-        )
+        lows, highs = ([getattr(each, end) for each in means] for end in ("low", "high"))
+        if any(high > low for low, high in zip(lows, highs, strict=True)):
+            axis.fill_between(places, lows, highs, color=look["color"], alpha=0.15, lw=0)

@@ -151,7 +151,7 @@ class Alternation:
         self.rates = torch.maximum(self.rates, LEAST_RATE * self._slopes())
 
     def _slopes(self) -> Tensor:
-        """Root mean square slope of each component of the training windows (*observed's first, then zeros), (K,)."""
+        """Root mean square slope of each component of the training windows, (K,); 0 of what nobody measured."""
         steps = self.fit.t.diff().view(-1, *[1] * (self.train.dim() - 1))
         slopes = (states_of(self.fit.system, self.train).diff(dim=0) / steps).square()
         axes = [axis for axis in range(slopes.dim()) if axis != 3]

@@ -33,8 +33,8 @@ def cut_measurements(
     output_dir = Path(output_dir)
     data = measured(settings.of_files(files), names)
     data.warn_of_slopes()
-    data.warn_of_short()
     sets, rows, thresholds = sets_of(data)
+    data.warn_of_short()
     for name, one in sets.items():
         one.save(output_dir / f"{name}.npz")
     _write(output_dir, data, sets, rows, thresholds)

@@ -29,6 +29,7 @@ class DrivenPendulum(System):
     interaction_parameters = (Parameter("gamma", "1/s"),)
     inputs = (Parameter("torque", positive=False, scale=20.0),)
     input_parameters = (Parameter("A"), Parameter("f", "Hz"))
+    hidden, observed = False, "all"  # also of a subclass that has a constructor of its own
 
     def __init__(self, torque: str = "known", observed: str = "all") -> None:
         for name, value, choices in (("torque", torque, TORQUES), ("observed", observed, OBSERVED)):

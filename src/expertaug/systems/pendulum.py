@@ -28,7 +28,7 @@ class DampedPendulum(System):
     state = (Parameter("theta", "rad"), Parameter("omega", "rad/s"))
     expert_parameters = (Parameter("omega0", "rad/s"),)
     interaction_parameters = (Parameter("alpha", "1/s"),)
-    rubs = False
+    rubs, observed = False, "all"  # also of a subclass that has a constructor of its own
 
     def __init__(
         self, friction: str | None = None, start_radius: Sequence[float] | None = None, observed: str = "all"
