@@ -18,6 +18,13 @@ def settings(name: str) -> dict:
     return config.validate(config.load([FOLDER / "config.yaml", FOLDER / name]))
 
 
+@pytest.mark.parametrize("experiment", ["vgb_pendulum", "vgb_lorenz", "phys_vae_pendulum", "lotka_volterra"])
+def test_peers_tasks_that_no_run_names_are_valid_too(experiment: str) -> None:
+    loaded = config.load([FOLDER / "config.yaml", FOLDER / "peers.yaml"])
+    asked = config.validate(config.merge(loaded, {"run": [experiment]}))
+    assert list(asked.run) == [experiment] and "truth" in asked.experiments[experiment].methods
+
+
 @pytest.mark.parametrize("method", ["expert_only", "ml_only"])
 @pytest.mark.parametrize("experiment", ["pendulum", "rlc", "reaction_diffusion", "double_pendulum"])
 def test_baselines_train_as_long_as_aphynity_does_in_the_papers_sizes(experiment: str, method: str) -> None:
