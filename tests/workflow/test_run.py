@@ -12,6 +12,7 @@ from running import LEARNING_TARGETS, ROOT, SMOKE, TARGETS, copy_project, overri
 from expertaug import source_files
 from expertaug.config import jobs
 from expertaug.config import load as config
+from expertaug.plotting import NOTE
 from expertaug.stages import STAGES
 
 
@@ -110,7 +111,9 @@ def test_the_report_shows_every_table_and_figure_with_its_caption(project):
     assert all(link.startswith("http://127.0.0.1:5000/#/experiments/") for link in linked), "it needs no other file"
     drawn = list((project / "results/smoke/figures").glob("*.png"))
     pages = list((project / "results/smoke/recordings").glob("*/page.png"))
-    assert len(re.findall("<img src=", page)) == len(drawn) + len(pages)
+    empty = [file for file in drawn if f"Comment\0{NOTE}".encode() in file.read_bytes()[:4096]]
+    assert len(empty) < 4, "few of the small run have nothing to draw"
+    assert len(re.findall("<img src=", page)) == len(drawn) - len(empty) + len(pages)
     for words in ("log-MSE of", "Costs", "config/smoke.yaml", "APHYNITY+"):
         assert words in page
     assert "{{" not in page and "snakemake." not in page, "a caption is not filled in"

@@ -7,12 +7,12 @@ import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from expertaug.evaluation.products import OVERVIEWS, PLOTTED, STUDIES, Product
 from expertaug.stages.options import add_outputs, add_paths, add_prior, add_tracking, tracking_of
 from expertaug.stages.stage import HORIZONS, SETS, TRAINED, Stage, StageWithPrior
 from expertaug.stages.study import StudyStage
 
 if TYPE_CHECKING:
+    from expertaug.evaluation.products import Product
     from expertaug.evaluation.settings import (
         CompareJob,
         DataCurvesJob,
@@ -121,6 +121,8 @@ class Tabulate(Stage):
 
     @classmethod
     def products(cls) -> tuple[Product, ...]:
+        from expertaug.evaluation.products import Product
+
         return (Product("", table=True),)
 
     @staticmethod
@@ -147,6 +149,8 @@ class Plot(Stage):
 
     @classmethod
     def products(cls) -> tuple[Product, ...]:
+        from expertaug.evaluation.products import PLOTTED
+
         return PLOTTED
 
     @staticmethod
@@ -176,6 +180,8 @@ class Study(StudyStage):
 
     @classmethod
     def products(cls) -> tuple[Product, ...]:
+        from expertaug.evaluation.products import STUDIES
+
         return STUDIES
 
     @staticmethod
@@ -502,6 +508,8 @@ class Compare(Stage):
 
     @classmethod
     def products(cls) -> tuple[Product, ...]:
+        from expertaug.evaluation.products import Product
+
         return Product("published", table=True), Product("published", table=True, of_all=True)
 
     @staticmethod
@@ -528,6 +536,8 @@ class Overview(Stage):
 
     @classmethod
     def products(cls) -> tuple[Product, ...]:
+        from expertaug.evaluation.products import OVERVIEWS
+
         return OVERVIEWS
 
     @staticmethod

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from expertaug.errors import InputError
-from expertaug.evaluation.products import Product
 from expertaug.stages.options import add_outputs, add_paths
 from expertaug.stages.stage import Stage
 
 if TYPE_CHECKING:
+    from expertaug.evaluation.products import Product
     from expertaug_recordings import settings as jobs
 
 MARKERS = ("track_markers", "import_markers")  # stages that write them
@@ -369,6 +369,8 @@ class PlotSplits(Stage):
 
     @classmethod
     def products(cls) -> tuple[Product, ...]:
+        from expertaug.evaluation.products import Product
+
         return (Product("splits", figure=True),)
 
     @staticmethod

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from expertaug.evaluation.products import Product
 from expertaug.stages.stage import Stage
 
 if TYPE_CHECKING:
+    from expertaug.evaluation.products import Product
     from expertaug.stages.files import Files
 
 
@@ -32,6 +32,8 @@ class StudyStage(Stage):
 
     @classmethod
     def products(cls) -> tuple[Product, ...]:
+        from expertaug.evaluation.products import Product
+
         return (Product(cls.product or cls.key(), table=True, figure=cls.draws),)
 
     @classmethod
