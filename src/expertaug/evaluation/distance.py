@@ -25,6 +25,7 @@ from expertaug.versions import LINES, compared
 
 SINGLE = 1e-6  # of a value: what rounding to single precision moves it by, and more
 ROOM = 2.0  # of the range of the versions shown: a floor within it is in the panel
+ASIDE = 0.02  # of the largest distance, between the first version's line and the last one's
 WORST = -2.0  # skill below which an axis is logarithmic
 BINS = 6  # of windows beyond the range, of equal numbers; those within are one
 CAPTION = (
@@ -233,9 +234,11 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
         panels = [axes.flat] if len(shifted) == 1 else list(axes.T)
         for of, column in zip(shifted, panels, strict=True):
             block = grouped((bin_ for bin_ in bins if bin_.of == of), lambda bin_: bin_.method)
+            widest = max(bin_.distance for bin_ in bins if bin_.of == of)
             for axis, (metric, (name, _)) in zip(column, METRICS.items(), strict=True):
                 for v in chosen if metric == "skill" else drawn:  # the floor's skill is 1
-                    _line(axis, block.get(v, []), metric, plotting.look(v, colours))
+                    aside = ASIDE * widest * (drawn.index(v) / len(drawn) - 0.5)
+                    _line(axis, block.get(v, []), metric, plotting.look(v, colours), aside)
                 axis.set_ylabel(name)
                 axis.grid(alpha=0.4)
                 shown = [getattr(bin_, metric).value for v in chosen for bin_ in block.get(v, [])]
@@ -283,11 +286,14 @@ def _plain(value: float) -> str:
     return np.format_float_positional(float(f"{value:.2g}"), trim="-").replace("-", "−")
 
 
-def _line(axis: Axes, curve: Sequence[Bin], metric: str, look: plotting.Look) -> None:
+def _line(axis: Axes, curve: Sequence[Bin], metric: str, look: plotting.Look, aside: float) -> None:
+    """Means with their 95 % intervals as bars, all by so much aside that those of several versions are seen."""
     good = [(bin_.distance, getattr(bin_, metric)) for bin_ in curve if np.isfinite(getattr(bin_, metric).value)]
     if good:
         places, means = zip(*good, strict=True)
-        axis.plot(places, [each.value for each in means], linewidth=1.2, label=curve[0].label, **look)
-        lows, highs = ([getattr(each, end) for each in means] for end in ("low", "high"))
-        if any(high > low for low, high in zip(lows, highs, strict=True)):
-            axis.fill_between(places, lows, highs, color=look["color"], alpha=0.15, lw=0)
+        values, lows, highs = ([getattr(each, part) for each in means] for part in ("value", "low", "high"))
+        ends = plotting.whiskers(values, lows, highs)
+        beside = [place + aside for place in places]
+        axis.plot(beside, values, linewidth=1.2, label=curve[0].label, **look)
+        if np.greater(highs, lows).any():  # an axis is not scaled by bars of no length
+            axis.errorbar(beside, values, ends, fmt="none", ecolor=look["color"], elinewidth=0.6)
