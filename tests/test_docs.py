@@ -14,9 +14,11 @@ import pytest
 from docs_pages import PAGES, ROOT, Block, Command, blocks, checkout, commands, every, name_of, run, words
 from expertaug import commands as command_line
 from expertaug.stages.planned import STUDIES
+from nightly import others_slow
 
 LANGUAGES = {"sh", "yaml", "python", "mermaid"}
 NOT_RUN: dict[str, int] = {}
+LONG = "docs/inference.md"  # trains for a quarter of a minute
 # Subcommands that are run as they are written: they need nothing but what the page shows.
 RUN_AS_WRITTEN = ("validate", "check-system", "config", "forecast", "inspect-data")
 ALL = list(commands())
@@ -107,7 +109,10 @@ def executed(reader, tmp_path_factory):
 
 
 # The README's is run by tests/api/test_example.py.
-@pytest.mark.parametrize("page", sorted({block.page for block in every("python")} - {"README.md"}))
+RUN = sorted({block.page for block in every("python")} - {"README.md"}, key=LONG.__eq__)
+
+
+@pytest.mark.parametrize("page", others_slow(RUN, len(RUN) - 1))
 def test_python_runs(page, executed):
     done = executed(page)
     assert done.returncode == 0, done.stderr
@@ -177,7 +182,9 @@ PLANNED = planned()
 
 
 @pytest.mark.parametrize(
-    ("page", "files"), PLANNED, ids=lambda value: value if isinstance(value, str) else "+".join(value) or "default"
+    ("page", "files"),
+    others_slow(PLANNED, 3),
+    ids=lambda value: value if isinstance(value, str) else "+".join(value) or "default",
 )
 def test_snakemake_makes_what_is_asked_for(page, files, reader):
     folder, targets = reader(page), sorted(PLANNED[page, files])

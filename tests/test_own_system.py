@@ -141,6 +141,7 @@ def test_the_truth_is_that_of_holling():
     assert system.truth(None, y, z_e, torch.tensor([0.1])).tolist() == [5.0, 4.0]
 
 
+@pytest.mark.slow
 def test_a_run_of_it_to_its_tables(folder):
     """One test, since a run takes half a minute."""
     every = run(folder)

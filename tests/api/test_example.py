@@ -4,10 +4,13 @@ import re
 import runpy
 from pathlib import Path
 
+import pytest
+
 EXAMPLE = Path(__file__).parents[2] / "docs/example.py"
 PRINTED = re.compile(r"(.+): omega0 is off by (\d+) %")
 
 
+@pytest.mark.slow
 def test_it_prints_two_sentences_of_which_the_second_is_better(capsys):
     names = runpy.run_path(str(EXAMPLE))
     printed = PRINTED.findall(capsys.readouterr().out)

@@ -22,6 +22,7 @@ def test_least_squares_finds_where_its_fits_start(undamped):
     assert np.median(np.abs(found.z_e["omega0"] - undamped.z_e[:, 0])) < 0.05
 
 
+@pytest.mark.slow
 def test_augmentation_and_flows_find_their_own(sets, fit, caplog):
     with caplog.at_level("INFO"):
         drawn = ea.augment(fit, sets["train"], sets["validation"], noise=0.01)

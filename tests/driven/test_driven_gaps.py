@@ -130,6 +130,7 @@ def test_drawn_forecasts_are_scored_where_something_was_measured(fit, gappy):
     assert own.ranks.shape[1] == own.crps.shape[1] > 0
 
 
+@pytest.mark.slow
 def test_a_flow_and_an_alternating_training_take_them(fit, gappy):
     test, given = gappy["test"], (gappy["train"], gappy["validation"])
     window = test.seen[:, : fit.observed]

@@ -131,6 +131,7 @@ def parts(system):
 OPTIONS = {"epochs": 6, "batch_size": 20, "learning_rate": 1e-2, "objective": partial(ea.Aphynity, lambda0=100.0)}
 
 
+@pytest.mark.slow
 def test_aphynity_learns_from_heights_across_bounces(balls):
     recipe = parts(BouncingBall(observed="height"))
     model = ea.fit(recipe, balls["train"], balls["validation"], observed_s=1.0, **OPTIONS)
@@ -151,6 +152,7 @@ def test_aphynity_learns_a_drag_beside_friction():
     assert np.isfinite(loss).all() and loss[-1] < 0.7 * loss[0]
 
 
+@pytest.mark.slow
 def test_alternation_across_friction():
     ranges = {"k": (2.0, 4.0), "mu": (0.2, 0.6)}, {"c": (0.0, 0.3)}
     train, validation = (ea.simulate(Block(), *ranges, n=n, t=T, name=str(n)) for n in (10, 4))

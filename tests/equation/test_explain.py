@@ -18,6 +18,7 @@ from expertaug.models.card import LatentRecord
 from expertaug.models.hybrid import build_decoder
 from expertaug.models.store import StoredModel
 from expertaug.systems import Parameter, System
+from nightly import others_slow
 
 T = np.arange(41) * 0.1
 NOISE, SEEN = 0.02, 2.0
@@ -44,7 +45,7 @@ def found(sets):
     return ea.explain(fitted(sets[0]), *sets, by_hand=["omega: abs(omega)*omega"])
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", others_slow(range(10), 2))
 def test_friction_is_found_and_nothing_else(seed):
     train, validation = swings("train", seed=seed), swings("validation", seed=seed)
     found = ea.explain(fitted(train), train, validation)
@@ -156,6 +157,7 @@ def _digits(one):
     return 1 - int(np.floor(np.log10(one.error)))
 
 
+@pytest.mark.slow
 def test_the_resistance_of_a_circuit_is_a_constant_once_the_inductance_is_known():
     ranges = {"L": (1.0, 3.0), "C": (0.5, 1.5)}, {"R": (2.0, 2.0)}
     train, validation = (
@@ -220,6 +222,7 @@ def with_network(model, seeds=(0, 1)):
     return ea.TrainedModel(StoredModel(decoder, card), refinement=model.refinement)
 
 
+@pytest.mark.slow
 def test_a_networks_term_is_read_and_told_how_far():
     train, validation = (swings(name, n=8, alpha=(0.3, 0.3)) for name in ("train", "validation"))
     model = with_network(fitted(train, units={"omega0": "window"}, starts=4, tries=1))
@@ -303,6 +306,7 @@ def test_windows_must_go_on_after_what_is_observed(sets):
         ea.explain(model, *sets)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not REAL.exists(), reason="the real pendulum's measurements are not here")
 @pytest.mark.parametrize(("reverse", "limit"), [(True, -7.4), (False, -8.3)])
 def test_the_real_pendulums_speed_column_is_found_to_be_off(reverse, limit):

@@ -31,11 +31,12 @@ from expertaug.evaluation.settings import (
 from expertaug.evaluation.studies import study
 from expertaug.evaluation.summary import TabledMean
 from expertaug.inference.diagnostics.validity import Refit, Validity
+from nightly import others_slow
 
 VALUES = {"zero": 0.0, "missing": np.nan, "infinite": np.inf}
 
 
-@pytest.fixture(params=VALUES, autouse=True)
+@pytest.fixture(params=others_slow(["missing", "infinite", "zero"]), autouse=True)
 def value(request):
     """All of a figure's numbers; whatever Matplotlib cannot draw is an error."""
     with warnings.catch_warnings():

@@ -28,6 +28,7 @@ from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows
+from nightly import others_slow
 from seen import seen
 from typed_jobs import evaluate, train
 
@@ -319,7 +320,7 @@ def test_an_evaluation_needs_neither_figures_nor_a_store():
 
 
 @pytest.mark.parametrize(
-    "stage", ["tabulate", "alarms", "coverage", "distance", "studies", "plot", "dots", "published"]
+    "stage", others_slow(["tabulate", "studies", "alarms", "coverage", "distance", "plot", "dots", "published"], 2)
 )
 def test_what_reads_evaluations_does_without_torch(stage):
     """Its import takes longer than they do."""
@@ -379,6 +380,7 @@ def test_a_solver_that_gives_up_on_one_sample_costs_that_sample_alone(folder, mo
     assert np.isfinite(forecasts.kept["test"].prediction).all()
 
 
+@pytest.mark.slow
 def test_the_truth_itself_is_no_runaway(folder):
     """Of samples that reach beyond the bound a forecast is kept as far as the truth goes."""
     save_as(folder, "tight", lambda model: {"bound": [1e-3, 1e-3]})

@@ -18,6 +18,7 @@ from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.systems.simulate import trajectories
 from expertaug.trajectories import Trajectories
+from nightly import others_slow
 from typed_jobs import train
 
 T, NOISE, CPU = np.linspace(0.0, 10.0, 101), 0.01, torch.device("cpu")
@@ -25,7 +26,7 @@ SCORING = Scoring(draws=8, drawn_samples=1)
 SET = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 
 
-@pytest.mark.parametrize("observed", [21, 51])
+@pytest.mark.parametrize("observed", others_slow([21, 51]))
 def test_a_fit_of_the_right_equation_expects_the_error_that_it_has(observed):
     system = systems.load({"name": "pendulum"})
     data = trajectories(system, {"omega0": (1.5, 3.1)}, {"alpha": (0.0, 0.0)}, n=80, t=T, noise=NOISE, seed=3)

@@ -52,6 +52,7 @@ def prepared(data, settings):
     return stage.prepare(systems.load(described.system), *sets, settings, described)
 
 
+@pytest.mark.slow
 def test_finds_the_damping(data, settings):
     settings["training"] |= {"steps": 320, "validate_every": 40, "learning_rate": 0.02}
     settings["seeds"] = [0]
@@ -74,6 +75,7 @@ def test_finds_the_damping(data, settings):
     assert stored.card.best_score[0] < -6.5  # the noise alone: ln(2 · 0.01²) = −8.5; the expert alone: −2
 
 
+@pytest.mark.slow
 def test_goes_on_to_the_same_bits_after_a_kill(data, settings, tmp_path, monkeypatch):
     alternate(data, tmp_path / "whole.safetensors", tmp_path / "a", settings, None)
     done = stage.Alternation.step
@@ -97,6 +99,7 @@ def test_goes_on_to_the_same_bits_after_a_kill(data, settings, tmp_path, monkeyp
         assert getattr(one.card, key) == getattr(other.card, key)
 
 
+@pytest.mark.slow
 def test_a_seed_is_the_same_alone_and_in_a_group(data, settings):
     together = prepared(data, settings).run()
     alone = prepared(data, settings | {"seeds": [1]}).run()
@@ -107,6 +110,7 @@ def test_a_seed_is_the_same_alone_and_in_a_group(data, settings):
     )
 
 
+@pytest.mark.slow
 def test_the_interaction_leaves_to_the_expert_what_is_its_own(data, settings):
     settings["training"] |= {"steps": 60, "validate_every": 60, "learning_rate": 0.02}
 
@@ -118,6 +122,7 @@ def test_the_interaction_leaves_to_the_expert_what_is_its_own(data, settings):
     assert share(1000.0).mean() < 0.6 * share(0.0).mean()
 
 
+@pytest.mark.slow
 def test_a_large_penalty_keeps_the_interaction_small(data, settings):
     settings["training"] |= {"steps": 30, "validate_every": 30, "learning_rate": 0.02}
 

@@ -87,6 +87,7 @@ def test_windows_of_another_pendulum_are_fitted_together_with_each_seeds_own_ter
     assert errors["together"] < errors["as trained"] - 1
 
 
+@pytest.mark.slow
 def test_ranges_are_found_and_a_name_that_is_none_is_refused():
     sets, short = (seen(12, 1), seen(8, 2)), OPTIONS | {"steps": 20}
     options = {"observed_s": END, "noise": NOISE, **short}
@@ -102,6 +103,7 @@ def test_no_flow_draws_what_is_known(model):
         ea.fit_posterior(model, seen(8, 1), prior=PRIOR, noise=NOISE)
 
 
+@pytest.mark.slow
 def test_the_scale_of_a_sensor_is_found_with_a_learned_term():
     found = learned(seen(16, 1, scale=0.9), refinement={"sensors": {"omega": {"scale": "shared"}}}, seeds=(0,))
     scale = found.stored.card.refinement.sensors["omega"].scale
@@ -112,6 +114,7 @@ def test_the_scale_of_a_sensor_is_found_with_a_learned_term():
     assert Sensors.of(found.system, found.stored.card.refinement.sensors).scale.shape == (1, 1, 2)
 
 
+@pytest.mark.slow
 def test_windows_may_have_nothing_of_their_own():
     """Of noise-free windows whose first point is known, with one frequency and no z_a."""
     train = swings(12, 1, noise=0.0)
@@ -123,6 +126,7 @@ def test_windows_may_have_nothing_of_their_own():
     assert found.stored.card.refinement.shared["omega0"].value == pytest.approx(1.7, rel=0.1)
 
 
+@pytest.mark.slow
 def test_it_goes_on_to_the_same_bits_after_a_kill(tmp_path, monkeypatch):
     """As a stage, whose settings the configuration makes."""
     alternation = "{latent: 0, steps: 6, validate_every: 3, checkpoint_s: 0.0}"

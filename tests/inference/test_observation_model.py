@@ -49,6 +49,7 @@ def log_mse(model, data):
     return float(model.evaluate(data).set_index("metric").value["log_mse_sum"])
 
 
+@pytest.mark.slow
 def test_constants_lie_within_their_intervals_as_often_as_these_say():
     held = []
     for seed in range(20):

@@ -42,6 +42,7 @@ def test_windows_of_the_training_leave_the_ranges_as_they_are(train):
     assert found.ranges == found.training and found.explained > 0.95
 
 
+@pytest.mark.slow
 def test_it_says_when_the_expert_itself_does_not_fit(train):
     damped = pendulum((1.5, 3.1), damping=(0.4, 0.6), n=40)
     found = adapt_prior(expert_alone("pendulum", train), first_points(train), first_points(damped), NOISE, SEEN)
@@ -60,6 +61,7 @@ def test_without_windows_the_ranges_end_at_the_budget(train):
         widen_prior(stored, whole, NOISE, 1.0, SEEN)
 
 
+@pytest.mark.slow
 def test_nothing_is_widened_where_own_windows_cannot_be_fitted(train):
     """One start for the fits: beyond a factor of two they end in minima of other swings."""
     whole = Windows.of(train)

@@ -107,6 +107,7 @@ def test_a_file_keeps_distributions_and_estimates_tell_them(tmp_path, pulled):
     assert list(table.loc["alpha"].index) == ["windows (population)"], "pulled windows are not averaged as well"
 
 
+@pytest.mark.slow
 def test_spreads_of_nothing_are_found_to_be_nothing():
     train = swings(30)
     model = fitted(train, population={"omega0": "lognormal", "alpha": "normal"})
@@ -195,6 +196,7 @@ def test_a_trained_models_refinement_has_no_distribution_in_silence():
         fitted(swings(6)).refined(noise=NOISE, prior=PRIOR, population={"alpha": "normal"})
 
 
+@pytest.mark.slow
 def test_alternation_has_a_distribution_of_each_seed():
     rng = np.random.default_rng(0)
     train, new = (swings(40, seed, rng.uniform(1.4, 2.4, 40), 0.15) for seed in (1, 2))
@@ -225,6 +227,7 @@ def test_one_trajectory_has_no_distribution():
         fitted(of_pendulums(np.array([2.0]), 6, 1), units=BOTH, population={"omega0": "normal"})
 
 
+@pytest.mark.slow
 def test_windows_of_unknown_trajectories_are_each_their_own():
     data = several(12, 4)
     options = {"population": {"omega0": "normal"}, "units": {"alpha": "shared"}}

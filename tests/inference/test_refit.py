@@ -55,6 +55,7 @@ def made(drag, z_e, n=16):
     return seen(y + noise).with_seeds(), (true, z_a), data
 
 
+@pytest.mark.slow
 def test_f_a_changes_where_it_lacks_something():
     right, truth, data = made(0.0, (1.5, 3.1))
     lacking, _, _ = made(0.3, (0.8, 1.5))

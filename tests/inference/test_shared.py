@@ -65,6 +65,7 @@ def test_it_is_the_minimum_over_everything_at_once():
     assert [found["omega0"].value, found["alpha"].value] == pytest.approx(best.x[:2], rel=2e-4)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_as_large_as_the_errors():
     scores = []
     for seed in range(24):

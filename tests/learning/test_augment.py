@@ -93,6 +93,7 @@ def test_a_replaced_sample_is_replaced_whole():
         assert torch.equal(new[1], old[2]) and torch.equal(new[[0, 2, 3]], old[[0, 2, 3]])
 
 
+@pytest.mark.slow
 def test_supervision_of_z_a_holds_the_encoder_to_it(trained, data, tmp_path, settings):
     """Errors of z_a on augmented samples fall with its weight, and the default of 0 is what files of before have."""
     augmented(trained, data, tmp_path, settings)

@@ -10,6 +10,7 @@ import expertaug as ea
 from expertaug.learning.trainer import Trainer
 from expertaug.learning.training_data import StackedSet
 from expertaug.models.decoder import Decoder
+from nightly import others_slow
 from pretended_card import DEVICE, Card, OnCard, WrongDevice
 
 T, END = np.arange(6) * 0.1, 0.2
@@ -113,7 +114,7 @@ def asked(waits):
 
 
 @pytest.mark.parametrize("objective", ["aphynity", "hvae"])
-@pytest.mark.parametrize("name", ["pendulum", "rlc", "double_pendulum", "fields", "driven", "stiff"])
+@pytest.mark.parametrize("name", others_slow(["pendulum", "rlc", "double_pendulum", "fields", "driven", "stiff"]))
 def test_training_and_finetuning(waits, name, objective):
     model, sets, ranges = fitted(name, objective)
     expected = [ASKED, set()] if name == "double_pendulum" else [ASKED]  # untrained it runs away in every step
@@ -149,6 +150,7 @@ def test_what_follows_a_training(waits):
         assert one.evaluate(sets[1])["metric"].nunique() > 2
 
 
+@pytest.mark.slow
 def test_a_flow(waits):
     model, sets, ranges = fitted("pendulum")
     waits.clear()

@@ -73,6 +73,7 @@ def study_settings(settings):
     }
 
 
+@pytest.mark.slow
 def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, settings, monkeypatch):
     run(data, tmp_path, settings | {"snapshots": [1, 3]})
     options = study_settings(settings)

@@ -7,6 +7,7 @@ from expertaug.errors import InputError
 from expertaug.learning import augment as augmentation
 from expertaug.models import store
 from expertaug.models.estimators import Hybrid
+from nightly import others_slow
 from typed_jobs import augment, finetune, train
 
 PRIOR = {"omega0": [0.5, 3.5]}
@@ -21,12 +22,14 @@ def trained(data, folder, settings, seeds):
 
 @pytest.mark.parametrize(
     ("encoder", "interaction"),
-    [
-        ("LinearEncoder", "LinearInteraction"),
-        ("GRUEncoder", "SpectralInteraction"),
-        ("KeywordEncoder", "OwnInteraction"),
-        ("InheritedEncoder", "LinearInteraction"),
-    ],
+    others_slow(
+        [
+            ("KeywordEncoder", "OwnInteraction"),
+            ("LinearEncoder", "LinearInteraction"),
+            ("GRUEncoder", "SpectralInteraction"),
+            ("InheritedEncoder", "LinearInteraction"),
+        ]
+    ),
 )
 def test_a_group_trains_as_each_seed_alone_and_is_kept(data, tmp_path, settings, encoder, interaction):
     settings["model"] = {
@@ -44,6 +47,7 @@ def test_a_group_trains_as_each_seed_alone_and_is_kept(data, tmp_path, settings,
             torch.testing.assert_close(together[name][k], value[0], rtol=2e-3, atol=2e-4, msg=name)
 
 
+@pytest.mark.slow
 def test_plain_parts_are_augmented_and_finetuned_with_theta_frozen(data, tmp_path, settings):
     settings["model"] = {
         "encoder": {"kind": "plain_parts:LinearEncoder"},

@@ -13,6 +13,7 @@ from expertaug.learning.train import FURTHER
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from expertaug.presets import resolve
+from nightly import others_slow
 from typed_jobs import train
 
 RESTARTED = {"restarts": 2, "restart_gap": 1e-6}  # whatever is not the best
@@ -61,7 +62,7 @@ def test_a_restart_is_the_training_of_another_seed(data, tmp_path, settings):
             assert torch.equal(value[0], restarted.model.state_dict()[name][seed])
 
 
-@pytest.mark.parametrize("last", [9, 14, 26], ids=["first training", "first restart", "second restart"])
+@pytest.mark.parametrize("last", others_slow([14, 9, 26]), ids=["first restart", "first training", "second restart"])
 def test_a_restart_that_is_killed_goes_on_to_the_same_bits(data, tmp_path, settings, monkeypatch, last):
     settings["seeds"] = [0, 1, 2]
     whole = run(data, tmp_path / "whole", settings, **RESTARTED)

@@ -92,8 +92,8 @@ def test_losses_of_energy_are_compared_where_all_was_measured(tmp_path):
         ("real_pendulum_small", "friction_shared", -6.65),
         ("real_pendulum", "friction_sensors", -7.92),
         ("real_pendulum_small", "friction_sensors", -8.81),
-        ("real_pendulum", "friction_population", -8.05),
-        ("real_pendulum_small", "friction_population", -8.88),
+        pytest.param("real_pendulum", "friction_population", -8.05, marks=pytest.mark.slow),
+        pytest.param("real_pendulum_small", "friction_population", -8.88, marks=pytest.mark.slow),
     ],
 )
 def test_constants_that_windows_share_explain_the_real_pendulum(tmp_path, one, method, score):

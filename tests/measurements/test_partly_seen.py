@@ -137,6 +137,7 @@ def test_least_squares_finds_parameter_and_speed_from_the_angle_alone(angle_alon
     assert np.sqrt(np.nanmean(later**2)) < 0.05
 
 
+@pytest.mark.slow
 def test_a_network_learns_from_the_angle_alone(angle_alone, tmp_path):
     train, validation = angle_alone["train"], angle_alone["validation"]
     model = ea.HybridModel(SYSTEM, partial(ea.WindowEncoder, **SMALL), partial(ea.MLPInteraction, layers=(4,)))

@@ -54,6 +54,7 @@ def test_moments_do_not_change_when_fields_are_shifted_and_are_standardised():
     torch.testing.assert_close(moments(y.roll((3, -5), (-2, -1))), found, rtol=1e-3, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_moments_tell_the_diffusion_coefficients():
     ranges = {"z_e": {"a": [0.001, 0.002], "b": [0.003, 0.007]}, "z_a": {"k": [0.003, 0.005]}}
     data = {"seed": 0, "step_s": 0.1, "t2_s": 1.0, "noise": 0.0, "sets": {"train": ranges | {"size": 300}}}

@@ -13,12 +13,13 @@ from expertaug_recordings.markers.track import track_markers
 from expertaug_recordings.rendering.render import render_recording
 from expertaug_recordings.settings import ExtractFramesJob, MeasureAnglesJob, RenderVideoJob, TrackMarkersJob
 from expertaug_recordings.video.frame_store import extract_frames
+from nightly import others_slow
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]
 CLIPS = {400: 1.2, 38: 8.0, 30: 8.0}  # Hz → s
 
 
-@pytest.fixture(scope="module", params=CLIPS)
+@pytest.fixture(scope="module", params=others_slow(CLIPS))
 def tracked(request, tmp_path_factory):
     """Rate, and a folder with markers.csv and truth.csv of a rendered recording."""
     rate, folder = request.param, tmp_path_factory.mktemp("clip")

@@ -12,6 +12,7 @@ from expertaug_recordings.ibm import import_markers, list_marker_files
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.reports.summary import summarise
 from expertaug_recordings.settings import ImportMarkersJob, MeasureAnglesJob
+from nightly import others_slow
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]
 
@@ -57,6 +58,7 @@ def test_energy_is_kept_without_friction(tmp_path):
     assert summary["friction"] == pytest.approx([0, 0], abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [400, 200, 100])
 def test_the_default_window_is_near_the_best_at_every_rate(tmp_path, rate):
     """Speeds against the truth, over windows of .04 to .16 s: the default's error is at most 1.3 times the least."""
@@ -204,7 +206,7 @@ def test_summary_table(tmp_path):
         summarise(paths, tmp_path / "summary.csv", tmp_path / "summary.md")
 
 
-@pytest.mark.parametrize("name", ["0", "10"])
+@pytest.mark.parametrize("name", others_slow(["0", "10"]))
 def test_real_recordings(tmp_path, name):
     files = list_marker_files(real_recordings())
     import_markers(files[name], tmp_path / "markers.csv", ImportMarkersJob())

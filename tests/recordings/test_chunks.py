@@ -224,6 +224,7 @@ def test_figure(tmp_path):
     assert not figure.exists()
 
 
+@pytest.mark.slow
 def test_real_recordings_by_energy(tmp_path):
     angles = []
     for name, path in list(list_marker_files(real_recordings()).items())[:4]:

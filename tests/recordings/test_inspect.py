@@ -17,6 +17,7 @@ from expertaug.errors import InputError
 from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.markers.appearance import Appearance
 from expertaug_recordings.markers.disks import hsv
+from nightly import others_slow
 
 ROOT = Path(__file__).parents[2]
 FILES = [ROOT / "config" / "config.yaml"]
@@ -33,7 +34,7 @@ def base():
     return config.validate(config.load(FILES))
 
 
-@pytest.mark.parametrize("name", list(LOOKS))
+@pytest.mark.parametrize("name", others_slow(LOOKS))
 def test_the_proposal_is_valid_and_finds_the_markers(name, base, tmp_path, monkeypatch):
     style, names, background, marked, tilt = LOOKS[name]
     centres = markers_of(swinging(190, (1.2, 0.5, 0.0, 0.0))[::2, :2], PIVOT, ARMS, tilt)
@@ -81,6 +82,7 @@ def test_a_pendulum_at_rest_is_refused(tmp_path):
     refused(tmp_path, frames, r"round disks of hues near 0°, 120°, 220° in 12 of 12 frames, but no two .* swing")
 
 
+@pytest.mark.slow
 def test_markers_of_one_colour_are_refused(tmp_path):
     centres = markers_of(swinging(40)[:, :2], PIVOT, ARMS)
     refused(tmp_path, draw(centres, SIZE, [PAINT["red"]] * 3), r"hues near 0° in \d+ of \d+ frames, but no two")
@@ -98,6 +100,7 @@ def test_a_sheet_must_be_a_picture(tmp_path):
         inspect(tmp_path / "none.mp4", tmp_path / "contact.mp4")
 
 
+@pytest.mark.slow
 def test_a_name_can_neither_add_keys_nor_match_other_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     frames = draw(markers_of(swinging(60)[:, :2], PIVOT, ARMS), SIZE, [PAINT[n] for n in ("red", "green", "blue")])

@@ -31,6 +31,7 @@ def test_energy_is_conserved_without_friction(start):
     np.testing.assert_allclose(e, np.broadcast_to(e[:, :1], e.shape), rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_friction_takes_energy_as_in_the_real_recordings(start):
     s = RenderVideoJob()
     times = np.arange(16_000) / 400

@@ -145,6 +145,7 @@ def test_forecasts_that_cannot_be_placed_are_refused(recording, tmp_path):
             read_forecasts(forecast_file(tmp_path, recording, 120, **change), "r0", frame, RATE)
 
 
+@pytest.mark.slow
 def test_a_forecast_is_shown_held_and_outside_of_the_chosen_part(recording, tmp_path):
     files = forecast_file(tmp_path, recording, 120, off=1.0)
     settings = {"duration_s": 0.05, "speed": 1.0, "fps": 60}

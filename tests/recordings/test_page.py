@@ -18,6 +18,7 @@ from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.reports.page import _heading, plot_recording, plot_refused
 from expertaug_recordings.reports.summary import summarise
 from expertaug_recordings.settings import MeasureAnglesJob, RecordingKeys, SplitChunksJob
+from nightly import others_slow
 
 FLAGS = {  # reason of the tracker → frames and what it says of them
     "lost:blue": (1000, 1040),
@@ -133,7 +134,7 @@ def test_what_the_project_rendered_itself_raises_no_alarm(tmp_path):
         assert found.implied_rate_hz == pytest.approx(500, rel=0.01) and len(found.warnings) == warnings
 
 
-@pytest.mark.parametrize("tilt", [-20.0, 0.0, 10.0])
+@pytest.mark.parametrize("tilt", others_slow([10.0, -20.0, 0.0]))
 def test_the_direction_of_gravity_is_stated_and_implied(tmp_path, tilt):
     y = truth()[0, :6000]
     folder = tmp_path / "r0"

@@ -36,7 +36,8 @@ def filmed(folder, rate):
     return write_video(frames, folder / "clip.mp4", rate), y[:, :2]
 
 
-@pytest.mark.parametrize("rate", [r if r == 30 else pytest.param(r, marks=pytest.mark.slow) for r in FRAMES], ids=str)
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", FRAMES, ids=str)
 def test_what_inspect_proposes_leads_to_chunks_and_a_calibration(tmp_path, rate):
     video, theta = filmed(tmp_path, rate)
     proposed = yaml.safe_load(inspect(video, tmp_path / "contact.png"))

@@ -12,6 +12,7 @@ from expertaug_recordings.markers.geometry import Geometry, estimate_geometry, s
 from expertaug_recordings.markers.tracker import STIFFNESS, Tracker, track_frames
 from expertaug_recordings.rendering.render import render_recording
 from expertaug_recordings.settings import RenderVideoJob, TrackMarkersJob
+from nightly import others_slow
 
 NAMES = ("red", "green", "blue")
 COLOURS = [PAINT[name] for name in NAMES]
@@ -53,7 +54,7 @@ def test_a_ring_that_covers_much_of_a_small_disk_does_no_harm(where, thick, cent
     assert used > 0.9 and np.median(error) < 0.1 and error.max() < 0.5
 
 
-@pytest.mark.parametrize("mark", ["ring", "line"])
+@pytest.mark.parametrize("mark", others_slow(["line", "ring"]))
 def test_large_disks_with_something_burnt_in_are_seen_whole(mark):
     large = markers_of(swinging(120)[::10, :2], (300.0, 280.0), (140.0, 95.0))
     frames = draw(large, (600, 560), COLOURS, 50.0, background=(190, 190, 190), mark=mark)
@@ -95,6 +96,7 @@ def test_light_from_one_side_does_not_shift_the_centre(behind, mark, most, centr
     assert np.abs(np.mean(track.position - centres, axis=(0, 1))).max() < most
 
 
+@pytest.mark.slow
 def test_a_joint_off_its_hinge_costs_no_frame(centres):
     theta = swinging(60)[:, 0] + np.deg2rad(10.0)
     off = centres.copy()
@@ -107,7 +109,7 @@ def test_a_joint_off_its_hinge_costs_no_frame(centres):
     assert found is not None
 
 
-@pytest.mark.parametrize("k", [0, 1, 2])
+@pytest.mark.parametrize("k", others_slow([0, 1, 2]))
 def test_a_twin_at_rest_is_not_taken_for_a_marker(k, centres):
     frames = draw(centres, SIZE, COLOURS, background=DARK)
     for frame in frames:
@@ -123,6 +125,7 @@ def test_a_twin_at_rest_is_not_taken_for_a_marker(k, centres):
         assert np.abs(seen - true).max() < 1
 
 
+@pytest.mark.slow
 def test_gravity_is_told_by_the_motion_not_by_where_the_joint_hangs(tmp_path):
     """The first rendered recording goes over the top: its joint is above the pivot on average."""
     render_recording(0, tmp_path / "clip.mp4", tmp_path / "truth.csv", RenderVideoJob(rate_hz=100.0, duration_s=3.0))
@@ -130,6 +133,7 @@ def test_gravity_is_told_by_the_motion_not_by_where_the_joint_hangs(tmp_path):
     assert proposed["recordings"]["angles"]["rotation_deg"] == pytest.approx(0, abs=0.5)
 
 
+@pytest.mark.slow
 def test_where_the_motion_does_not_tell_gravity_no_direction_is_written(tmp_path):
     turning = np.linspace(0, 4, 80)  # both arms turn evenly, as if nothing pulled
     frames = draw(markers_of(np.stack((turning, 2 * turning), axis=1), PIVOT, ARMS), SIZE, COLOURS)

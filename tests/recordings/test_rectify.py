@@ -117,6 +117,7 @@ def test_a_checkerboard_undoes_lens_and_view(tmp_path):
     assert summary["rectified"]["board_px"] < 0.3
 
 
+@pytest.mark.slow
 def test_the_lens_by_boards_that_are_held_anyhow_and_the_view_by_the_arms(tmp_path):
     (tmp_path / "boards").mkdir()
     for k, turn in enumerate([(25, 10, 5), (-20, 25, 0), (5, -30, 10), (15, 15, 40)]):

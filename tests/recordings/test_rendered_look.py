@@ -12,6 +12,7 @@ import warm_python
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.slow
 def test_rendered_frame_measures_like_the_real_one(tmp_path):
     folder = real_recordings()
     if not (folder / "frame.png").is_file():

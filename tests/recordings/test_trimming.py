@@ -92,6 +92,7 @@ def test_extraction_keeps_the_span(numbered, tmp_path):
     assert len(store) == 16 and store.t[-1] == pytest.approx(0.5) and number_of(store[0]) == 15
 
 
+@pytest.mark.slow
 def test_nothing_is_found_in_a_mask(tmp_path):
     """A hand with a green disk in it moves beside the pendulum: in a mask it costs no frame."""
     theta = swinging(240, (1.2, 0.5, 0.0, 0.0))[:, :2]

@@ -201,6 +201,7 @@ def test_starting_afresh_closes_what_was_left_open(tmp_path, tracking):
     assert len(read_log(path).steps) == 1
 
 
+@pytest.mark.slow
 def test_two_processes_at_once_make_the_store_and_lose_nothing(tmp_path):
     tracking = settings(tmp_path / "results")
     jobs = []

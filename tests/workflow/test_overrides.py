@@ -8,6 +8,7 @@ import re
 import subprocess
 from pathlib import Path
 
+import pytest
 import yaml
 
 import warm_python
@@ -93,6 +94,7 @@ def test_tables_of_other_files_are_not_overwritten(tmp_path):
     assert plan(tmp_path, TEXT, "--config", "overwrite=true").returncode == 0
 
 
+@pytest.mark.slow
 def test_a_broken_class_of_ones_own_stops_the_run_before_its_first_job(tmp_path):
     """One line for every mistake and no job, no result, no lock; a dry run is none of its business."""
     (tmp_path / "own").mkdir()
@@ -121,6 +123,7 @@ def test_a_broken_class_of_ones_own_stops_the_run_before_its_first_job(tmp_path)
         assert "simulate the" not in said and not (tmp_path / "results").exists()
 
 
+@pytest.mark.slow
 def test_no_validity_is_checked_where_it_is_null(tmp_path):
     for text, checked in ((TEXT, True), (f"{TEXT}    validity: null\n", False)):
         done = plan(tmp_path, text)
