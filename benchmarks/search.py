@@ -25,7 +25,7 @@ from expertaug.config import load as config
 from expertaug.config.models import Configuration
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.metrics import log_mse, log_mse_of, parameter_errors
-from expertaug.inference.alternating import alternate
+from expertaug.inference import alternating
 from expertaug.inference.least_squares import refined_by
 from expertaug.inference.settings import AlternateJob
 from expertaug.learning import augment, finetune, train
@@ -85,7 +85,7 @@ def run(settings: Configuration, experiment: str, method: str, augmented: bool, 
     if not model.exists():
         if base["build"]["kind"] == "alternating":
             job = AlternateJob.from_mapping(base)
-            alternate(data, model, model.parent / "work", job, None, calibration)
+            alternating.run_stage(data, model, model.parent / "work", job, None, calibration)
         else:
             train.run_stage(data, model, model.parent / "work", train_job(base), None, calibration)
     if not augmented:
