@@ -1,11 +1,17 @@
 """For all tests: one thread a process, as the command line has it; set before any numerical library is loaded.
 
-This folder is on Python's path, so that tests of any room can name ``plain_parts:Class``.
+Its folders mirror those of ``src`` (``recordings`` is ``expertaug_recordings``); tests of more than one module have the
+folder of what they are about.  All of them are on Python's path, so that tests of any room can name
+``plain_parts:Class``.
 """
 
 import os
+import sys
+from pathlib import Path
 
 import pytest
+
+sys.path[:0] = [str(folder) for folder in sorted(Path(__file__).parent.rglob("*")) if any(folder.glob("*.py"))]
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_variable] = "1"

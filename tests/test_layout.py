@@ -115,6 +115,16 @@ def test_every_folder_is_a_subject_with_a_line_of_its_own():
         assert ast.get_docstring(ast.parse(text)), f"{folder.name}/__init__.py says what the folder holds"
 
 
+def test_folders_of_tests_are_those_of_the_modules():
+    tests = Path(__file__).parent
+    folders = {path.parent.relative_to(tests) for path in tests.rglob("test_*.py")} - {Path()}
+    beside = {Path("driven"), Path("workflow")}  # what known inputs touch; Snakemake's files
+    for folder in folders - beside:
+        room, *rest = folder.parts
+        place = Path(PACKAGES[1], *rest) if room == "recordings" else Path(PACKAGES[0], folder)
+        assert (SOURCES / place / "__init__.py").exists(), f"tests/{folder} has no {place} to test"
+
+
 def test_what_selects_passes_has_a_name_of_its_own():
     told = [*modules().values(), SOURCES.parent / "config" / "README.md", *(SOURCES.parent / "docs").glob("*.md")]
     assert not [str(path) for path in told if "validation log-MSE" in path.read_text(encoding="utf-8")]

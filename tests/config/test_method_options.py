@@ -26,7 +26,7 @@ experiments:
 @pytest.fixture(scope="module")
 def base() -> dict:
     """The default configuration's pendulum alone: no other experiment inherits what is changed here."""
-    found = config.load([Path(__file__).parents[1] / "config" / "config.yaml"])
+    found = config.load([Path(__file__).parents[2] / "config" / "config.yaml"])
     return found | {"run": ["pendulum"], "experiments": {"pendulum": found["experiments"]["pendulum"]}}
 
 

@@ -16,7 +16,7 @@ from expertaug.evaluation.grid import grid as stage
 from expertaug.evaluation.settings import GridJob
 from expertaug.models.tensor_file import write_tensors
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 KEYS = {
     "training.learning_rate": [1e-3, 3e-3],
     "model.interaction.layers": [[16], [50, 50]],

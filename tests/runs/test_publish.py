@@ -20,7 +20,7 @@ from expertaug.stages.files import Files
 from expertaug.stages.planned import kept as kept_files
 from expertaug.stages.planned import products_of, products_of_all
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def publish(config, folder, command):
@@ -55,7 +55,7 @@ def run(tmp_path, monkeypatch):
 
 
 def settings(root):
-    return config.validate(config.load([Path(__file__).parents[1] / "config/config.yaml", root / "my.yaml"]))
+    return config.validate(config.load([Path(__file__).parents[2] / "config/config.yaml", root / "my.yaml"]))
 
 
 def test_a_table_that_a_link_brings_from_elsewhere_is_refused(run):

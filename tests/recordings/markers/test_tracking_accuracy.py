@@ -7,7 +7,7 @@ import pandas as pd
 
 import warm_python
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def test_targets_are_met_and_faults_are_flagged(tmp_path):

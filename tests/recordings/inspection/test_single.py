@@ -24,7 +24,7 @@ from expertaug_recordings.reports.splits import plot_splits
 from expertaug_recordings.reports.summary import summarise
 from expertaug_recordings.video.frame_store import extract_frames
 
-FILES = [Path(__file__).parents[2] / "config" / "config.yaml"]
+FILES = [Path(__file__).parents[3] / "config" / "config.yaml"]
 OMEGA0, ALPHA, RATE, COUNT = 5.5, 0.08, 60, 1500
 ARM, PIVOT, SIZE = 92.0, (110.3, 60.4), (220, 190)
 SWING = yaml.safe_load("""

@@ -37,7 +37,7 @@ from expertaug_recordings.settings import (
     UnpackMarkersJob,
 )
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")

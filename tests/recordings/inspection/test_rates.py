@@ -21,7 +21,7 @@ from expertaug_recordings.markers.track import track_markers
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.video.frame_store import extract_frames
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 FILES = [ROOT / "config" / "config.yaml"]
 # A pendulum of .30 and .22 m, as one that 24 frames/s can follow: like the small one, .55 times as fast.
 SLOWER, ARMS, PIVOT, SIZE = 0.55, (52.0, 38.0), (110.2, 100.7), (224, 208)

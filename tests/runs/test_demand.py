@@ -16,7 +16,7 @@ from expertaug.learning.settings import TrainSettings
 from expertaug.runs import demand
 from expertaug.systems.settings import SimulatedSet
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def config(seeds, per_job, epochs, size=100):

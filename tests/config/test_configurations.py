@@ -11,7 +11,7 @@ from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
 from expertaug.config.load import completed
 
-FOLDER = Path(__file__).parents[1] / "config"
+FOLDER = Path(__file__).parents[2] / "config"
 
 
 def settings(name: str) -> dict:

@@ -12,7 +12,7 @@ from expertaug.config import load as config
 from expertaug.config.show import show
 from expertaug.errors import InputError
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 MINE = """results: results/mine
 seeds: [4]
 experiments:

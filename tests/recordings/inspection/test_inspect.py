@@ -19,7 +19,7 @@ from expertaug_recordings.markers.appearance import Appearance
 from expertaug_recordings.markers.disks import hsv
 from nightly import others_slow
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 FILES = [ROOT / "config" / "config.yaml"]
 LOOKS = {
     "disks": ("disk", ("red", "green", "blue"), (205, 208, 212), True, 0.0),

@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, write_video
-from test_video import drawn, remux
+from test_reader import drawn, remux
 
 from expertaug.errors import InputError
 from expertaug_recordings.markers.track import MaskedFrames, track_markers

@@ -26,7 +26,7 @@ PENDULUM = "experiments: {{pendulum: {{{0}}}}}"
 
 @pytest.fixture(scope="module")
 def base() -> dict:
-    found = config.load([Path(__file__).parents[1] / "config" / "config.yaml"])
+    found = config.load([Path(__file__).parents[2] / "config" / "config.yaml"])
     return config.merge(found, {"run": ["pendulum"]})
 
 

@@ -9,7 +9,7 @@ from pendulum_motion import real_recordings
 
 import warm_python
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from expertaug.stages import STAGES
 from expertaug.stages.planned import planned
 from expertaug.stages.stage import to_json
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FILES = ("config", "smoke", "paper", "code", "ibm", "measurements", "ten_seeds", "field_flows", "data_curves")
 # What a rule puts together itself.
 OF_RULES = {
