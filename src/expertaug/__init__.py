@@ -80,8 +80,8 @@ def __getattr__(name: str) -> object:
     if name not in _EXPORTS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module, _, attribute = _EXPORTS[name].partition(":")
-    found = importlib.import_module(module)
-    globals()[name] = getattr(found, attribute) if attribute else found
+    loaded = importlib.import_module(module)
+    globals()[name] = getattr(loaded, attribute) if attribute else loaded
     return globals()[name]
 
 

@@ -52,8 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not refused and error.filename is None:
             return _bug(stage)
         remedy = "free some space or choose a writable folder" if refused else "correct the path, or what lies there"
-        found = InputError(error.filename or "output", error.strerror or str(error), remedy)
-        return _fail(stage, found, BAD_INPUT)
+        input_error = InputError(error.filename or "output", error.strerror or str(error), remedy)
+        return _fail(stage, input_error, BAD_INPUT)
     except KeyboardInterrupt:
         return _fail(stage, "interrupted", INTERRUPTED)
     except Exception:
@@ -80,8 +80,8 @@ def _write_cost(path: Path, seconds: float) -> None:
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     cost = {
         "seconds": round(seconds, 2),
-        "cpu_seconds": round(sum(one.ru_utime + one.ru_stime for one in used), 2),
-        "peak_memory_mb": round(max(one.ru_maxrss for one in used) / unit, 1),
+        "cpu_seconds": round(sum(usage.ru_utime + usage.ru_stime for usage in used), 2),
+        "peak_memory_mb": round(max(usage.ru_maxrss for usage in used) / unit, 1),
     }
     path.write_text(json.dumps(cost) + "\n", encoding="utf-8")
 

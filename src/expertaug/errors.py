@@ -42,7 +42,7 @@ class InputErrors(InputError):
 
 def lines(error: InputError) -> list[str]:
     """What a user sees: a line for each error."""
-    return [str(one) for one in (error.errors if isinstance(error, InputErrors) else [error])]
+    return [str(single) for single in (error.errors if isinstance(error, InputErrors) else [error])]
 
 
 def printable(text: str) -> str:

@@ -135,8 +135,8 @@ def locked(path: Path, wait_s: float = 0.0, held: str = "another process holds t
             logger.info("%s: another process holds this lock; waiting for it, up to %.0f s", path, wait_s)
             lock.acquire(timeout=wait_s - TOLD_S)
     except Timeout as error:
-        found = f"another process has held this lock for {wait_s:.0f} s" if wait_s else held
-        raise InputError(path, found, "stop that process, or wait for it and try again") from error
+        problem = f"another process has held this lock for {wait_s:.0f} s" if wait_s else held
+        raise InputError(path, problem, "stop that process, or wait for it and try again") from error
     except OSError as error:
         raise InputError(path, f"cannot be written ({error.strerror})", "choose a writable results folder") from error
     try:

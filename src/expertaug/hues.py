@@ -41,14 +41,14 @@ def assigned(figures: Iterable[Sequence[str]], hues: Mapping[str, int] | None = 
         figures: the methods that may be drawn together, of each figure; the first to come has the first hue.
         hues: that methods have already.
     """
-    found, beside = dict(hues or {}), defaultdict(list)
+    hue_of, beside = dict(hues or {}), defaultdict(list)
     figures = list(map(list, figures))
     for methods in figures:
         for method in methods:
             beside[method] += methods
     for method in dict.fromkeys(method for methods in figures for method in methods):
-        if method not in found:
-            taken = Counter(found[other] for other in dict.fromkeys(beside[method]) if other in found)
-            own = len(found) % len(HUES)
-            found[method] = min(range(own, own + len(HUES)), key=lambda hue: taken[hue % len(HUES)]) % len(HUES)
-    return found
+        if method not in hue_of:
+            taken = Counter(hue_of[other] for other in dict.fromkeys(beside[method]) if other in hue_of)
+            own = len(hue_of) % len(HUES)
+            hue_of[method] = min(range(own, own + len(HUES)), key=lambda hue: taken[hue % len(HUES)]) % len(HUES)
+    return hue_of

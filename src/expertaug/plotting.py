@@ -78,17 +78,17 @@ def colours(variants: Sequence[str], hues: Mapping[str, int] | None = None) -> d
             colour in all its figures. Methods without one get what is free.
     """
     drawn = list(dict.fromkeys(map(base, variants)))
-    hues, found = assigned([drawn], hues), {}
+    hues, colour_of = assigned([drawn], hues), {}
     for variant in variants:
         if hues[base(variant)] == FLOOR:
-            found[variant] = to_rgb(EQUATION)
+            colour_of[variant] = to_rgb(EQUATION)
             continue
         red, green, blue = to_rgb(HUES[hues[base(variant)]])
         if Version.parse(variant).is_augmented:
-            found[variant] = (0.72 * red, 0.72 * green, 0.72 * blue)
+            colour_of[variant] = (0.72 * red, 0.72 * green, 0.72 * blue)
         else:
-            found[variant] = tuple(0.58 * part + 0.42 for part in (red, green, blue))
-    return found
+            colour_of[variant] = tuple(0.58 * part + 0.42 for part in (red, green, blue))
+    return colour_of
 
 
 def dash(variant: str) -> LineStyleType:

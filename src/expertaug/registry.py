@@ -42,12 +42,12 @@ def full_name(part: Part, kind: str, where: str) -> str:
     Raises:
         InputError: the kind is neither known nor of that form.
     """
-    known = part.kinds
+    kinds = part.kinds
     if isinstance(kind, str) and ":" in (kind := short_name(part, kind)):
         return kind
-    if not isinstance(kind, str) or kind not in known:
-        raise InputError(where, f"{kind!r} is no {part.name}", f"known: {', '.join(known)}, or package.module:Class")
-    return known[kind]
+    if not isinstance(kind, str) or kind not in kinds:
+        raise InputError(where, f"{kind!r} is no {part.name}", f"known: {', '.join(kinds)}, or package.module:Class")
+    return kinds[kind]
 
 
 def short_name(part: Part, name: str) -> str:
@@ -96,12 +96,12 @@ def arguments(cls: type) -> list[str] | None:
     """
     names: list[str] = []
     handed_on = False
-    for one in cls.__mro__:
-        if "__init__" not in vars(one):
+    for ancestor in cls.__mro__:
+        if "__init__" not in vars(ancestor):
             continue
-        if one is object or one is _named("torch.nn:Module", "torch"):
+        if ancestor is object or ancestor is _named("torch.nn:Module", "torch"):
             return None if handed_on else names
-        own = list(inspect.signature(one.__init__).parameters.values())[1:]
+        own = list(inspect.signature(ancestor.__init__).parameters.values())[1:]
         names += [p.name for p in own if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) and p.name not in names]
         handed_on = any(p.kind is p.VAR_KEYWORD for p in own)
         if not handed_on:
@@ -126,8 +126,8 @@ def imported(module: str, where: str) -> ModuleType:
     except SyntaxError as error:
         raise InputError(f"{error.filename}:{error.lineno}", f"no Python ({error.msg})", "correct that file") from error
     except Exception as error:
-        found = f"{module} cannot be imported ({type(error).__name__}: {error})"
-        raise InputError(where, found, "correct that file") from error
+        problem = f"{module} cannot be imported ({type(error).__name__}: {error})"
+        raise InputError(where, problem, "correct that file") from error
 
 
 def _named(name: str, where: str) -> Any:

@@ -187,8 +187,8 @@ class ByName:
 
     def _known(self, value: str) -> str:
         if ":" not in value and value not in self.names():
-            known = ", ".join(f"'{name}'" for name in self.names())
-            raise PydanticCustomError("literal_error", "is none of {expected}", {"expected": known})
+            choices = ", ".join(f"'{name}'" for name in self.names())
+            raise PydanticCustomError("literal_error", "is none of {expected}", {"expected": choices})
         return value
 
 
@@ -259,21 +259,23 @@ def check(kind: type[BaseModel], settings: object, where: str, whole: bool = Tru
 
 def complaints(error: ValidationError, kind: type[BaseModel], where: str, whole: bool = True) -> list[InputError]:
     """One line for each mistake of a validation, in the order of their blocks."""
-    found = {}
+    by_text = {}
     every = error.errors(include_url=False)
-    for one in sorted(every, key=_place):
-        if one["type"] == "too_short":  # what is wrong is not there in pydantic's count
-            deep = len(one["loc"])
-            if any(len(other["loc"]) > deep and other["loc"][:deep] == one["loc"] for other in every):
+    for mistake in sorted(every, key=_place):
+        if mistake["type"] == "too_short":  # what is wrong is not there in pydantic's count
+            deep = len(mistake["loc"])
+            if any(len(other["loc"]) > deep and other["loc"][:deep] == mistake["loc"] for other in every):
                 continue
-        of_a_part = one["type"] == "disagree" or (one["type"] == "missing" and isinstance(one["loc"][-1], str))
+        of_a_part = mistake["type"] == "disagree" or (
+            mistake["type"] == "missing" and isinstance(mistake["loc"][-1], str)
+        )
         if of_a_part and not whole:
             continue
-        context = one.get("ctx", {})
+        context = mistake.get("ctx", {})
         for each in (context, *context.get("further", ())):
-            said = wording.explain({**one, "ctx": each}, where, lambda path: _described(kind, path))
-            found.setdefault(str(said), said)
-    return list(found.values())
+            said = wording.explain({**mistake, "ctx": each}, where, lambda path: _described(kind, path))
+            by_text.setdefault(str(said), said)
+    return list(by_text.values())
 
 
 def _place(error: Mapping[str, Any]) -> list[str]:
@@ -330,7 +332,7 @@ def _plain(annotation: Any, part: object) -> Any:
 def _shapes(annotation: Any) -> Iterable[str]:
     """Words for the shapes that a value of several shapes may have."""
     words = {"@one": "one value", "@list": "a list", "@keys": "a mapping of keys"}
-    for one in _members(_plain(annotation, None)):
-        for tag in get_args(one)[1:]:
+    for member in _members(_plain(annotation, None)):
+        for tag in get_args(member)[1:]:
             if isinstance(tag, Tag):
                 yield words[tag.tag]

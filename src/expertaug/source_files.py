@@ -100,12 +100,12 @@ def find(where: str, name: str) -> Path:
     if own is not None:
         return own
     try:
-        found = importlib.util.find_spec(module)
+        spec = importlib.util.find_spec(module)
     except (ImportError, ValueError):
-        found = None
-    if found is None or not found.origin:
+        spec = None
+    if spec is None or not spec.origin:
         raise InputError(where, f"no module '{module}'", "name a module that Python finds: is its package installed?")
-    return Path(found.origin)
+    return Path(spec.origin)
 
 
 def parsed(path: Path) -> ast.Module:
@@ -139,18 +139,18 @@ def _reachable(name: str, ignored: frozenset[str]) -> frozenset[tuple[str, Path]
     if own not in roots:
         file = find(name, name)
         roots[own] = file.parents[name.count(".") + (file.name == "__init__.py")]
-    todo, found = [name], {}
+    todo, paths = [name], {}
     while todo:
         module = todo.pop()
         path = _path(module, roots.get(module.split(".")[0], PACKAGE.parent))
-        if module in found or module in ignored or path is None:
+        if module in paths or module in ignored or path is None:
             continue
-        found[module] = path
+        paths[module] = path
         todo += [other for other in _imported(path, module) if other.split(".")[0] in roots]
         todo.append(module.rpartition(".")[0])
-    if name not in found:
+    if name not in paths:
         raise InputError(name, "no such module of expertaug", "correct the name")
-    return frozenset(found.items())
+    return frozenset(paths.items())
 
 
 @cache

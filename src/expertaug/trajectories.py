@@ -62,14 +62,14 @@ class Trajectories:
         if self.id is not None:
             object.__setattr__(self, "id", np.asarray(self.id))
             if self.id.shape != (len(self.y),) or self.id.dtype.kind != "U":
-                found = f"id has shape {self.id.shape} and type {self.id.dtype} for {len(self.y)} samples"
-                raise InputError("trajectories", found, "id is (N,), texts")
+                problem = f"id has shape {self.id.shape} and type {self.id.dtype} for {len(self.y)} samples"
+                raise InputError("trajectories", problem, "id is (N,), texts")
         self._check_measured()
         if self.u is not None:
             object.__setattr__(self, "u", np.ascontiguousarray(self.u, dtype=np.float32))
             if self.u.ndim != 3 or self.u.shape[:2] != self.y.shape[:2] or not self.u.shape[2]:
-                found = f"u has shape {self.u.shape} for {len(self.y)} samples at {len(self.t)} times"
-                raise InputError("trajectories", found, "u is (N, T, U), known inputs at the times of y")
+                problem = f"u has shape {self.u.shape} for {len(self.y)} samples at {len(self.t)} times"
+                raise InputError("trajectories", problem, "u is (N, T, U), known inputs at the times of y")
         for name in ("t", "y", "z_e", "z_a", *(("u",) if self.u is not None else ())):
             value = getattr(self, name)
             bad = np.isinf(value) if name == "z_e" else ~np.isfinite(value)
@@ -85,14 +85,14 @@ class Trajectories:
             noise = np.ascontiguousarray(self.noise, dtype=np.float64)
             object.__setattr__(self, "noise", noise)
             if noise.shape != self.y.shape[2:3] or not (np.isfinite(noise) & (noise >= 0)).all():
-                found = f"noise has shape {noise.shape} for states of shape {self.y.shape[2:]}"
-                raise InputError("trajectories", found, "noise is (K,), one number of 0 or more a component")
+                problem = f"noise has shape {noise.shape} for states of shape {self.y.shape[2:]}"
+                raise InputError("trajectories", problem, "noise is (K,), one number of 0 or more a component")
         if self.mask is None:
             return
         mask = np.asarray(self.mask)
         if mask.shape != self.y.shape or mask.dtype != bool:
-            found = f"mask has shape {mask.shape} and type {mask.dtype} for y of shape {self.y.shape}"
-            raise InputError("trajectories", found, "mask is (N, T, *state), bool: True where y was measured")
+            problem = f"mask has shape {mask.shape} and type {mask.dtype} for y of shape {self.y.shape}"
+            raise InputError("trajectories", problem, "mask is (N, T, *state), bool: True where y was measured")
         object.__setattr__(self, "mask", np.ascontiguousarray(mask))
         object.__setattr__(self, "y", np.where(mask, self.y, np.float32(0)))
 
@@ -109,7 +109,7 @@ class Trajectories:
         """Names of the trajectories that samples are windows of, (N,) texts; None where nobody knows."""
         if self.id is None:
             return None
-        return np.array([trajectory_of(one)[0] for one in self.id.tolist()], dtype=str)
+        return np.array([trajectory_of(sample_id)[0] for sample_id in self.id.tolist()], dtype=str)
 
     def subset(self, index: slice | np.ndarray) -> Trajectories:
         """The samples that ``index`` (a slice, a mask or integers along N) selects."""
@@ -129,9 +129,9 @@ class Trajectories:
             z_e, z_a: names of this set's parameters.
             wanted: names of the expert parameters; what is neither in z_e nor in z_a is not known (NaN).
         """
-        known = dict(zip((*z_e, *z_a), (*self.z_e.T, *self.z_a.T), strict=False))
+        columns = dict(zip((*z_e, *z_a), (*self.z_e.T, *self.z_a.T), strict=False))
         unknown = np.full(len(self), np.nan)
-        return replace(self, z_e=np.stack([known.get(name, unknown) for name in wanted], axis=1))
+        return replace(self, z_e=np.stack([columns.get(name, unknown) for name in wanted], axis=1))
 
     def window(self, start: int, stop: int) -> Trajectories:
         """The points ``start`` to ``stop`` (not included) along time."""
@@ -141,8 +141,8 @@ class Trajectories:
     def save(self, path: str | Path) -> None:
         """Write a compressed npz without pickle, atomically."""
         with atomic(path) as temporary, temporary.open("wb") as stream:
-            given = {name: value for name in OPTIONAL if (value := getattr(self, name)) is not None}
-            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **given)  # type: ignore
+            optional = {name: value for name in OPTIONAL if (value := getattr(self, name)) is not None}
+            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **optional)  # type: ignore
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectories:

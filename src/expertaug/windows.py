@@ -39,16 +39,16 @@ class Windows:
 
     def __post_init__(self) -> None:
         if not all(tensor.is_floating_point() for tensor in (self.t, self.y, *self._inputs)):
-            found = ", ".join(str(tensor.dtype) for tensor in (self.t, self.y, *self._inputs))
-            raise InputError("windows", f"tensors of {found}", "give floating-point numbers")
+            actual = ", ".join(str(tensor.dtype) for tensor in (self.t, self.y, *self._inputs))
+            raise InputError("windows", f"tensors of {actual}", "give floating-point numbers")
         if self.t.dim() != 1 or self.y.dim() < 3 or not 0 < len(self.y) <= len(self.t):
-            found = f"y has shape {tuple(self.y.shape)} for times of shape {tuple(self.t.shape)}"
-            raise InputError("windows", found, "y is (T1, …, B, *state) at the first of the times (T,)")
+            actual = f"y has shape {tuple(self.y.shape)} for times of shape {tuple(self.t.shape)}"
+            raise InputError("windows", actual, "y is (T1, …, B, *state) at the first of the times (T,)")
         if self.u is not None:
             lead = tuple(self.u.shape[1:-1])
             if self.u.dim() < 3 or len(self.u) != len(self.t) or lead != tuple(self.y.shape[1 : 1 + len(lead)]):
-                found = f"u has shape {tuple(self.u.shape)} for y of shape {tuple(self.y.shape)}"
-                raise InputError("windows", found, f"u is ({len(self.t)}, …, B, U), known inputs of the same samples")
+                actual = f"u has shape {tuple(self.u.shape)} for y of shape {tuple(self.y.shape)}"
+                raise InputError("windows", actual, f"u is ({len(self.t)}, …, B, U), known inputs of the same samples")
 
     @classmethod
     def of(cls, data: Trajectories, device: torch.device | str = "cpu") -> Windows:
@@ -162,16 +162,16 @@ def fill(observed: Tensor, times: Tensor, middle: Tensor) -> Tensor:
     if not torch.isnan(observed).any():
         return observed
     observed, inputs = observed.tensor_split([len(middle)], dim=-1)
-    known = ~torch.isnan(observed)
+    measured = ~torch.isnan(observed)
     last = len(observed) - 1
     place = torch.arange(len(observed), device=observed.device).view(-1, *[1] * (observed.dim() - 1))
-    before = torch.where(known, place, -1).cummax(0).values
-    after = torch.where(known, place, last + 1).flip(0).cummin(0).values.flip(0)
+    before = torch.where(measured, place, -1).cummax(0).values
+    after = torch.where(measured, place, last + 1).flip(0).cummin(0).values.flip(0)
     left = torch.where(before >= 0, before, after.clamp_max(last))
     right = torch.where(after <= last, after, before.clamp_min(0))
     times, values = times.to(observed), observed.nan_to_num()
     start, end = values.gather(0, left), values.gather(0, right)
     share = (times[place] - times[left]) / (times[right] - times[left]).clamp_min(1e-12)
     lines = torch.where(right > left, start + (end - start) * share, start)
-    filled = torch.where(known, observed, torch.where(known.any(0), lines, middle))
+    filled = torch.where(measured, observed, torch.where(measured.any(0), lines, middle))
     return torch.cat((filled, inputs), dim=-1) if inputs.shape[-1] else filled

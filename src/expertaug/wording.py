@@ -130,39 +130,39 @@ def explain(error: Mapping[str, Any], where: str, described: Callable[[Sequence[
     loc, kind, value, context = list(error["loc"]), error["type"], error["input"], error.get("ctx", {})
     if kind == "missing" and isinstance(loc[-1], int):  # a list that is too short
         kind, loc, context = "length", loc[:-1], {}
-    place, found = path_of(where, loc), f"found {show(value)}"
+    place, shown = path_of(where, loc), f"found {show(value)}"
     if loc and loc[-1] == "[key]":
         return InputError(
-            path_of(where, loc[:-2]), f"found the name {found[6:]}", "use letters, digits and _, a letter first"
+            path_of(where, loc[:-2]), f"found the name {shown[6:]}", "use letters, digits and _, a letter first"
         )
     if kind == "missing":
         meaning = described(loc).description
         return InputError(place, "missing", f"give {loc[-1]}" + (f" ({meaning})" if meaning else ""))
     if kind == "extra_forbidden":
-        known = described(loc[:-1])
-        remedy = known.renamed.get(str(loc[-1])) or suggest(loc[-1], known.keys)
+        allowed = described(loc[:-1])
+        remedy = allowed.renamed.get(str(loc[-1])) or suggest(loc[-1], allowed.keys)
         return InputError(place, "unknown key", remedy)
     if kind in ("wrong", "disagree"):
         block = path_of(where, loc) if where or loc else ""
         at = context["at"] if not block or context["at"].startswith("[") else f".{context['at']}"
         return InputError(f"{block}{at}".rstrip(".") or "configuration", context["found"], context["remedy"])
     if kind == "literal_error":
-        known = [text or word.lower() for text, word in re.findall(r"'([^']*)'|(True|False)", context["expected"])]
-        return InputError(place, found, suggest(value, known))
+        allowed = [text or word.lower() for text, word in re.findall(r"'([^']*)'|(True|False)", context["expected"])]
+        return InputError(place, shown, suggest(value, allowed))
     return InputError(place, *_of_a_value(kind, value, context, described(loc)))
 
 
 def _of_a_value(kind: str, value: object, context: Mapping[str, Any], place: Described) -> tuple[str, str]:
-    found = f"found {show(value)}"
+    shown = f"found {show(value)}"
     if kind.startswith("union_tag"):
-        return found, f"give {' or '.join(place.shapes)}"
+        return shown, f"give {' or '.join(place.shapes)}"
     stem = kind.removesuffix("_type")
     stem = {"model_attributes": "model", "int_from_float": "int", "mapping": "dict"}.get(stem, stem)
     if stem in KINDS:
         number = isinstance(value, str) and stem in ("float", "int") and number_in(value)
         if number:
-            return f"{found}, which YAML takes for a text", f"write {number}"
-        return found, f"give {KINDS[stem]}{' or null' if place.null else ''}"
+            return f"{shown}, which YAML takes for a text", f"write {number}"
+        return shown, f"give {KINDS[stem]}{' or null' if place.null else ''}"
     remedies = {
         "greater_than_equal": "give {ge} or more",
         "less_than_equal": "give {le} or less",
@@ -176,8 +176,8 @@ def _of_a_value(kind: str, value: object, context: Mapping[str, Any], place: Des
         "string_too_long": "give a shorter text",
     }
     if kind == "string_pattern_mismatch":
-        return found, _SAID[context["pattern"]]
+        return shown, _SAID[context["pattern"]]
     if kind in remedies:
         numbers = {k: f"{v:g}" if isinstance(v, float) else v for k, v in context.items()}
-        return found, remedies[kind].format(**numbers)
-    return found, "correct it"
+        return shown, remedies[kind].format(**numbers)
+    return shown, "correct it"

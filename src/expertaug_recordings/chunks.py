@@ -129,15 +129,15 @@ def _read(path: Path, state: Sequence[str]) -> Recording:
 def _step(recordings: Sequence[Recording], job: SplitChunksJob) -> int:
     """Frames from one point of a chunk to the next."""
     steps = {}
-    for one in recordings:
-        step = one.rate_hz / job.rate_hz
+    for recording in recordings:
+        step = recording.rate_hz / job.rate_hz
         if step < 0.999 or abs(step - round(step)) > 1e-3:
-            found = f"rate_hz is {job.rate_hz:g}, recording {one.name} has {one.rate_hz:g} Hz"
-            raise InputError("chunks settings", found, "the second must be a multiple of the first")
-        steps.setdefault(round(step), one)
+            problem = f"rate_hz is {job.rate_hz:g}, recording {recording.name} has {recording.rate_hz:g} Hz"
+            raise InputError("chunks settings", problem, "the second must be a multiple of the first")
+        steps.setdefault(round(step), recording)
     if len(steps) > 1:
-        found = " and ".join(f"{one.name} has {one.rate_hz:g} Hz" for one in list(steps.values())[:2])
-        raise InputError("angles", found, "measure the angles of all at one rate (recordings.analysis_rate_hz)")
+        problem = " and ".join(f"{example.name} has {example.rate_hz:g} Hz" for example in list(steps.values())[:2])
+        raise InputError("angles", problem, "measure the angles of all at one rate (recordings.analysis_rate_hz)")
     return next(iter(steps))
 
 
@@ -199,16 +199,18 @@ def _describe(
     for name, chunks in sets.items():
         recordings = [series[index] for index, _ in rows[name]]
         first = rows[name][:, 1]
-        counts[name] = {one.name: int((rows[name][:, 0] == k).sum()) for k, one in enumerate(series)}
+        counts[name] = {recording.name: int((rows[name][:, 0] == k).sum()) for k, recording in enumerate(series)}
         speeds[name] = np.quantile(np.abs(chunks.y[:, 0, chunks.y.shape[2] // 2 :]), 0.99, axis=0).round(3).tolist()
         tables.append(
             pd.DataFrame(
                 {
                     "chunk": np.arange(len(first)),
-                    "recording": [one.name for one in recordings],
-                    "first_frame": [one.rows.line[k] for one, k in zip(recordings, first, strict=True)],
+                    "recording": [recording.name for recording in recordings],
+                    "first_frame": [recording.rows.line[k] for recording, k in zip(recordings, first, strict=True)],
                     "split": name,
-                    "energy": [one.level[k + ahead].mean() for one, k in zip(recordings, first, strict=True)],
+                    "energy": [
+                        recording.level[k + ahead].mean() for recording, k in zip(recordings, first, strict=True)
+                    ],
                 }
             )
         )

@@ -61,8 +61,8 @@ def unpack_archive(archive: str | Path, folder: str | Path, job: UnpackMarkersJo
     archive, folder = Path(archive), Path(folder)
     if not archive.is_file():
         raise InputError(archive, "no such file", "give the dataset's .tar.gz or .zip")
-    if job.sha256 is not None and (found := sha256(archive)) != job.sha256.lower():
-        raise InputError(archive, f"SHA-256 is {found}", f"expected {job.sha256}: get the archive again")
+    if job.sha256 is not None and (digest := sha256(archive)) != job.sha256.lower():
+        raise InputError(archive, f"SHA-256 is {digest}", f"expected {job.sha256}: get the archive again")
     temporary = folder.with_name(f".{folder.name}.unpacking")  # one name: what a killed job left goes with the next
     try:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -164,8 +164,8 @@ def _check_arms(path: Path, raw: np.ndarray, job: ImportMarkersJob) -> None:
     far = np.abs(raw - job.offset) > MAX_PX * job.scale
     if far.any():
         row, column = np.argwhere(far)[0]
-        found = f"row {row + 1}, column {IBM_COLUMNS[column]}: {raw[row, column]:g}"
-        raise InputError(path, found, f"expected pixels times {job.scale:g}, within {MAX_PX:g} px")
+        problem = f"row {row + 1}, column {IBM_COLUMNS[column]}: {raw[row, column]:g}"
+        raise InputError(path, problem, f"expected pixels times {job.scale:g}, within {MAX_PX:g} px")
     points = raw.reshape(-1, 3, 2)
     for arm, columns in ((0, "y_green,x_green"), (1, "y_blue,x_blue")):
         length = np.linalg.norm(points[:, arm + 1] - points[:, arm], axis=1) / job.scale
@@ -177,5 +177,7 @@ def _check_arms(path: Path, raw: np.ndarray, job: ImportMarkersJob) -> None:
         off = np.abs(length / middle - 1) > job.arm_tolerance
         if off.mean() > job.arm_outliers:
             row = int(np.argmax(off)) + 1
-            found = f"arm {arm + 1} is {length[row - 1]:.1f} px, not {middle:.1f}; {off.mean():.0%} of the rows are off"
-            raise InputError(path, f"row {row}, columns {columns}: {found}", remedy)
+            problem = (
+                f"arm {arm + 1} is {length[row - 1]:.1f} px, not {middle:.1f}; {off.mean():.0%} of the rows are off"
+            )
+            raise InputError(path, f"row {row}, columns {columns}: {problem}", remedy)

@@ -79,5 +79,5 @@ def divide(paths: Iterable[str | Path]) -> tuple[list[Path], dict[str, str]]:
 
 
 def _verify(path: str | Path, checksum: str | None) -> None:
-    if checksum is not None and (found := sha256(path)) != checksum.lower():
-        raise InputError(path, f"SHA-256 is {found}", f"{checksum} expected: copy the recording again")
+    if checksum is not None and (digest := sha256(path)) != checksum.lower():
+        raise InputError(path, f"SHA-256 is {digest}", f"{checksum} expected: copy the recording again")

@@ -63,8 +63,8 @@ def check_name(where: object, path: PurePath) -> None:
 
 def list_pictures(folder: Path) -> list[Path]:
     """Pictures of a folder in the natural order of their names."""
-    found = (p for p in folder.iterdir() if p.suffix.lower() in PICTURES and p.is_file())
-    return sorted(found, key=lambda p: natural_key(p.name))
+    pictures = (p for p in folder.iterdir() if p.suffix.lower() in PICTURES and p.is_file())
+    return sorted(pictures, key=lambda p: natural_key(p.name))
 
 
 def is_series(folder: Path) -> bool:

@@ -51,8 +51,8 @@ class LogHandler(LogHandlerBase):
             said := refusals(sys.argv[1:]) or no_target(record.getMessage())
         ):
             record = _saying(said, record)
-        given = self.common_settings
-        if given.dryrun or given.printshellcmds or given.verbose:
+        settings = self.common_settings
+        if settings.dryrun or settings.printshellcmds or settings.verbose:
             self.terminal.emit(record)
         elif (shorter := in_few_words(record)) is not None:
             self.terminal.emit(shorter)
@@ -85,13 +85,13 @@ def in_few_words(record: logging.LogRecord) -> logging.LogRecord | None:
     if event in _UNTOLD or (event is None and message.startswith(_SETUP)):
         return None
     if event == LogEvent.JOB_INFO:
-        told = getattr(record, "rule_msg", None)  # a target has none, and files by the hundred
-        return _saying(f"{clock}  {told}", record) if told else None
+        rule_message = getattr(record, "rule_msg", None)  # a target has none, and files by the hundred
+        return _saying(f"{clock}  {rule_message}", record) if rule_message else None
     if event == LogEvent.JOB_ERROR:
-        told, logs = (getattr(record, name, None) for name in ("rule_msg", "log"))
+        rule_message, logs = (getattr(record, name, None) for name in ("rule_msg", "log"))
         where = f" (log: {', '.join(map(str, logs))})" if logs else ""
         name = getattr(record, "rule_name", None) or "a job"
-        return _saying(f"{clock}  Error in rule {name}{f': {told}' if told else ''}{where}", record)
+        return _saying(f"{clock}  Error in rule {name}{f': {rule_message}' if rule_message else ''}{where}", record)
     return record
 
 
@@ -103,15 +103,15 @@ def _saying(text: str, record: logging.LogRecord) -> logging.LogRecord:
 
 def configuration_files(arguments: Sequence[str]) -> list[str]:
     """The configuration files that Snakemake's command line names."""
-    found, takes = [], False
+    files, takes = [], False
     for argument in arguments:
         option, equals, value = argument.partition("=")
         if argument.startswith("-"):
             takes = option in _OPTIONS
-            found += [value] * (takes and bool(equals))
+            files += [value] * (takes and bool(equals))
         elif takes:
-            found.append(argument)
-    return found
+            files.append(argument)
+    return files
 
 
 def refusals(arguments: Sequence[str]) -> str:
@@ -130,10 +130,10 @@ def refusals(arguments: Sequence[str]) -> str:
 
 def no_target(message: str) -> str:
     """One line for a target that is none, by Snakemake's message; empty where that is about something else."""
-    found = _NO_RULE.search(message)
-    if found is None or not targets:
+    match = _NO_RULE.search(message)
+    if match is None or not targets:
         return ""
-    name = found["name"]
+    name = match["name"]
     near = difflib.get_close_matches(name, targets, n=1)
     meant = f"did you mean {near[0]}?" if near else f"targets are {', '.join(targets)}"
     return f"target: nothing makes {name!r}; {meant}"

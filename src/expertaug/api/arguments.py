@@ -117,8 +117,8 @@ def inputs(value: object, system: System, samples: int, t: np.ndarray, name: str
     u = tensor(value, name)
     names = ", ".join(p.name for p in system.known)
     if u.dim() != 3 or u.shape[:2] != (samples, len(t)):
-        found, wanted = f"has shape {tuple(u.shape)}", f"({samples}, {len(t)}, {len(system.known)})"
-        raise InputError(name, found, f"give {wanted}, {names or 'known inputs'} at all times of t")
+        problem, wanted = f"has shape {tuple(u.shape)}", f"({samples}, {len(t)}, {len(system.known)})"
+        raise InputError(name, problem, f"give {wanted}, {names or 'known inputs'} at all times of t")
     check_given(system, u, name)
     check_constant(system, u, name)
     return u
@@ -130,10 +130,10 @@ def check_constant(system: System, u: Tensor, name: str) -> None:
     Raises:
         InputError: one does.
     """
-    for k, one in enumerate(system.covariates, start=len(system.inputs)):
+    for k, covariate in enumerate(system.covariates, start=len(system.inputs)):
         if (u[..., k] != u[:, :1, k]).any():
             raise InputError(
-                name, f"{one.name} changes along a trajectory", "a covariate is constant; declare an input"
+                name, f"{covariate.name} changes along a trajectory", "a covariate is constant; declare an input"
             )
 
 
@@ -171,8 +171,8 @@ def ranges(given: Ranges, names: Iterable[str], where: str) -> dict[str, list[fl
     """
     names = list(names)
     if not isinstance(given, Mapping) or sorted(given) != sorted(names):
-        found = ", ".join(map(str, given)) if isinstance(given, Mapping) else type(given).__name__
-        raise InputError(where, f"gives {found or 'nothing'}", f"give [low, high] for each of {', '.join(names)}")
+        actual = ", ".join(map(str, given)) if isinstance(given, Mapping) else type(given).__name__
+        raise InputError(where, f"gives {actual or 'nothing'}", f"give [low, high] for each of {', '.join(names)}")
     kept = {}
     for name in names:
         try:
@@ -284,14 +284,14 @@ def check_set(system: System, data: object, name: str, labelled: bool = True) ->
         InputError: it is not.
     """
     if not isinstance(system, System):
-        found = f"is {getattr(system, '__name__', type(system).__name__)}"
-        raise InputError("system", found, "give an instance, as expertaug.DampedPendulum()")
-    one, state, parameters = trajectories(data, name), system.state_shape, system.expert_parameters
-    if one.y.shape[2:] != state or (labelled and one.z_e.shape[1] != len(parameters)):
-        found = f"y has shape {one.y.shape}, z_e {one.z_e.shape}"
+        problem = f"is {getattr(system, '__name__', type(system).__name__)}"
+        raise InputError("system", problem, "give an instance, as expertaug.DampedPendulum()")
+    dataset, state, parameters = trajectories(data, name), system.state_shape, system.expert_parameters
+    if dataset.y.shape[2:] != state or (labelled and dataset.z_e.shape[1] != len(parameters)):
+        problem = f"y has shape {dataset.y.shape}, z_e {dataset.z_e.shape}"
         wanted = f"y (N, T, {', '.join(map(str, state))}), z_e (N, {len(parameters)})"
-        raise InputError(name, found, f"{type(system).__name__} has {wanted}")
-    inputs(one.u, system, len(one), one.t, f"{name}.u")
+        raise InputError(name, problem, f"{type(system).__name__} has {wanted}")
+    inputs(dataset.u, system, len(dataset), dataset.t, f"{name}.u")
 
 
 def check_sets(system: System, train: Trajectories, validation: Trajectories) -> None:

@@ -77,8 +77,8 @@ def compare(
     """
     data = arguments.trajectories(windows, "windows")
     if not isinstance(experts, Mapping) or len(experts) < 2:
-        found = f"{len(experts)} of them" if isinstance(experts, Mapping) else type(experts).__name__
-        raise InputError("experts", f"found {found}", "give two or more systems by name")
+        actual = f"{len(experts)} of them" if isinstance(experts, Mapping) else type(experts).__name__
+        raise InputError("experts", f"found {actual}", "give two or more systems by name")
     if unknown := sorted(set(priors or {}) - set(experts)):
         raise InputError(f"priors.{unknown[0]}", "is no expert", f"known: {', '.join(experts)}")
     states = {tuple(p.name for p in system.state) for system in experts.values()}
@@ -113,15 +113,15 @@ def _candidate(first: TrainedModel, whole: TrainedModel, data: Trajectories, hal
     u = None if data.u is None else data.u[:, :points]
     forecast = np.asarray(first.forecast(seen[:, :half], t, u=u).y)
     predicted, measured = (torch.from_numpy(y).movedim(1, 0).unsqueeze(1).double()[half:] for y in (forecast, seen))
-    errors, known = differences(whole.system, predicted, measured)
+    errors, mask = differences(whole.system, predicted, measured)
     squares = (errors / fit.observed_noise).square().movedim(2, 0).flatten(1)
-    count = squares.shape[1] if known is None else known.movedim(2, 0).flatten(1).sum(1).clamp_min(1)
-    found = whole.forecast(seen, t, u=u)
-    assert found.chi2 is not None, "of least squares"
+    count = squares.shape[1] if mask is None else mask.movedim(2, 0).flatten(1).sum(1).clamp_min(1)
+    whole_forecast = whole.forecast(seen, t, u=u)
+    assert whole_forecast.chi2 is not None, "of least squares"
     missing = fit.missing(Windows.of(data).until(points).joined)[0]
     return Candidate(
         held_out=(squares.sum(1) / count).numpy(),
-        chi2=np.asarray(found.chi2, dtype=float),
+        chi2=np.asarray(whole_forecast.chi2, dtype=float),
         observations=fit.observations - missing.numpy(),
         parameters=fit.sizes[0] + fit.sizes[2],
         overdispersion=max([1.0, *(whole.refinement.overdispersion or [])]),

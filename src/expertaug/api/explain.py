@@ -44,8 +44,8 @@ class Equation(Found):
         ``terms``, ``log-MSE`` of validation forecasts (summed over the dimensions; the lower the better) and
         ``coefficients``, how many numbers the terms have."""
         rows = {
-            one.name: {"terms": one.terms, "log-MSE": one.log_mse, "coefficients": one.coefficients}
-            for one in self.rows
+            row.name: {"terms": row.terms, "log-MSE": row.log_mse, "coefficients": row.coefficients}
+            for row in self.rows
         }
         return pd.DataFrame.from_dict(rows, orient="index")
 
@@ -53,7 +53,7 @@ class Equation(Found):
     def path(self) -> pd.DataFrame:
         """Every formula that was refitted, the best first: ``formula``, ``source`` (direct, network or by hand),
         ``mean squared error`` of validation forecasts."""
-        rows = [(str(one.formula), one.source, one.score) for one in self.tried]
+        rows = [(str(candidate.formula), candidate.source, candidate.score) for candidate in self.tried]
         return pd.DataFrame(rows, columns=["formula", "source", "mean squared error"])
 
 
@@ -125,9 +125,11 @@ def explain(
     )
     if not kinematics and (model.refinement is None or not model.refinement.settings.sensors):
         _warn_of_slopes(model.system, train)
-    given = None if noise is None else arguments.noise(noise)
+    given_noise = None if noise is None else arguments.noise(noise)
     with arguments.one_thread():
-        search = Search(model.stored, model.predictor, model.refinement, train, validation, units, given, solver, label)
+        search = Search(
+            model.stored, model.predictor, model.refinement, train, validation, units, given_noise, solver, label
+        )
         return Equation(**vars(search.run(options)))
 
 
@@ -136,9 +138,9 @@ def _warn_of_slopes(system: System, data: Trajectories) -> None:
     names, seen = [p.name for p in system.state], data.seen
     for rate, of in systems.rates(system).items():
         k, j = names.index(of), names.index(rate)
-        found = slope([(data.t, one[:, k], one[:, j]) for one in np.asarray(seen)])
-        if found is not None and found.is_off:
-            logger.warning(SLOPE, rate, found.factor, found.error, of, rate)
+        estimate = slope([(data.t, window[:, k], window[:, j]) for window in np.asarray(seen)])
+        if estimate is not None and estimate.is_off:
+            logger.warning(SLOPE, rate, estimate.factor, estimate.error, of, rate)
 
 
 def _terms(given: Sequence[Term | str]) -> tuple[Term, ...]:

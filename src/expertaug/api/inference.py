@@ -312,8 +312,8 @@ def refinement_of(system: System, options: RefinementOptions | None, noise: Nois
     positive = {parameter.name for parameter in system.expert_parameters if parameter.positive}
     for name, (low, high) in (ranges or {}).items():
         if name in positive and high <= 0:
-            found = f"found [{low:g}, {high:g}]"
-            raise InputError(f"prior.{name}", found, "the parameter is positive: give a range that is")
+            problem = f"found [{low:g}, {high:g}]"
+            raise InputError(f"prior.{name}", problem, "the parameter is positive: give a range that is")
     return Refinement.of(settings=RefinementSettings.from_mapping(options), noise=arguments.noise(noise), prior=ranges)
 
 

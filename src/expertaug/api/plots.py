@@ -44,11 +44,13 @@ def forecasts(
     if not chosen or (len(chosen) < len(samples) and tuple(samples) != (0, 1, 2)):
         raise InputError("samples", f"found {list(samples)}", f"the set has {len(data)}")
     shown = data.subset(np.array(chosen))
-    found = {label: _forecasts(model, shown) for label, model in _labelled(models).items()}
-    reading = FigureReading(labels=[(label, label) for label in found], set_titles={SET: "given"})
+    forecasts_by_label = {label: _forecasts(model, shown) for label, model in _labelled(models).items()}
+    reading = FigureReading(labels=[(label, label) for label in forecasts_by_label], set_titles={SET: "given"})
     view = traces.View(set=SET, samples=range(len(chosen)), seed=seed)
     with plotting.styled():
-        return traces.draw_forecasts(found, reading, view, {label: f"model {label}" for label in found})
+        return traces.draw_forecasts(
+            forecasts_by_label, reading, view, {label: f"model {label}" for label in forecasts_by_label}
+        )
 
 
 def parameters(
@@ -65,13 +67,13 @@ def parameters(
         InputError: no model estimates parameters.
     """
     named = {"test": sets} if isinstance(sets, Trajectories) else dict(sets)
-    found = {}
+    forecasts_by_label = {}
     for label, model in _labelled(models).items():
         estimates = {
             name: model.estimate(part.seen[:, : model.observed], part.t, u=part.u) for name, part in named.items()
         }
         if any(estimates.values()):
-            found[label] = _of_sets(
+            forecasts_by_label[label] = _of_sets(
                 model,
                 next(iter(named.values())).t,
                 {
@@ -84,11 +86,13 @@ def parameters(
                     for name, each in estimates.items()
                 },
             )
-    if not found:
+    if not forecasts_by_label:
         raise InputError("models", "none estimates parameters", "give a hybrid model")
-    ranges = ParameterReading.of(labels=[(label, label) for label in found], priors=dict.fromkeys(found, prior or {}))
+    ranges = ParameterReading.of(
+        labels=[(label, label) for label in forecasts_by_label], priors=dict.fromkeys(forecasts_by_label, prior or {})
+    )
     with plotting.styled():
-        return parameter_figures.draw_parameters(found, ranges)
+        return parameter_figures.draw_parameters(forecasts_by_label, ranges)
 
 
 def course(model: TrainedModel, metrics: Sequence[str] = ("loss", "validation_score")) -> Figure:
@@ -101,10 +105,10 @@ def course(model: TrainedModel, metrics: Sequence[str] = ("loss", "validation_sc
     Raises:
         InputError: the model has no such metric.
     """
-    known = list(dict.fromkeys(model.history["metric"]))
-    if missing := [name for name in metrics if name not in known]:
+    logged = list(dict.fromkeys(model.history["metric"]))
+    if missing := [name for name in metrics if name not in logged]:
         raise InputError(
-            "metrics", f"no {missing[0]}", f"known: {', '.join(known) or 'none, the model is from a file'}"
+            "metrics", f"no {missing[0]}", f"known: {', '.join(logged) or 'none, the model is from a file'}"
         )
     with plotting.styled():
         figure = plotting.new_figure(2.4)

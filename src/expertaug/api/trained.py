@@ -271,14 +271,14 @@ class TrainedModel:
         data = arguments.trajectories(data, "data")
         windows, _ = self._windows(data.seen[:, : self.observed], data.t, data.u, data.trajectories)
         with torch.no_grad(), arguments.one_thread():
-            found = self.predictor.estimate(windows)  # type: ignore[attr-defined]
+            estimates = self.predictor.estimate(windows)  # type: ignore[attr-defined]
         rows = []
-        if found.z_e is not None and self.stored.model.knows_z_e:
+        if estimates.z_e is not None and self.stored.model.knows_z_e:
             truth = bool(self.stored.card.truth)
             parameters = [*self.system.expert_parameters, *(self.system.interaction_parameters if truth else ())]
-            values, std = (None if v is None else v.cpu().double().numpy() for v in found.stated(truth))
+            values, std = (None if v is None else v.cpu().double().numpy() for v in estimates.stated(truth))
             fit = self.refinement
-            shared = {} if fit is None else {name: one.groups for name, one in (fit.shared or {}).items()}
+            shared = {} if fit is None else {name: constant.groups for name, constant in (fit.shared or {}).items()}
             names, units = [p.name for p in parameters], [p.unit for p in parameters]
             ranges = fit.prior if fit is not None and isinstance(fit.prior, Mapping) else {}
             constants = constants_of(fit, *({p.name: p.unit for p in of} for of in (parameters, self.system.state)))
@@ -316,9 +316,9 @@ class TrainedModel:
         data = arguments.trajectories(data, "data").spread(max_samples)
         first = self.t[self.observed - 1] if from_s is None else from_s
         if not (data.t > first if from_s is None else data.t >= first).any():
-            found = f"has the times {arguments.brief(data.t)}"
+            problem = f"has the times {arguments.brief(data.t)}"
             raise InputError(
-                "data", found, f"none {'after' if from_s is None else 'from'} {first:g} s: nothing to score"
+                "data", problem, f"none {'after' if from_s is None else 'from'} {first:g} s: nothing to score"
             )
         windows, _ = self._windows(data.seen[:, : self.observed], data.t, data.u)
         if data.z_e.shape[1] != len(self.system.expert_parameters):
@@ -370,13 +370,13 @@ class TrainedModel:
             InputError: a model whose estimates are no fits of windows, nothing that is shared, or other times.
         """
         if not self.stored.kind.fits_windows or self.refinement is None:
-            found = f"the estimates of {self.label} are no fits of windows"
-            raise InputError("model", found, "give least squares or an alternating model")
+            problem = f"the estimates of {self.label} are no fits of windows"
+            raise InputError("model", problem, "give least squares or an alternating model")
         data = arguments.trajectories(data, "data")
         _ = self._windows(data.seen[:, : self.observed], data.t[: self.observed], data.u)
-        given = RefinementSettings.from_mapping(options)
+        overrides = RefinementSettings.from_mapping(options)
         how = self.refinement.settings.model_copy(
-            update={name: getattr(given, name) for name in given.model_fields_set}
+            update={name: getattr(overrides, name) for name in overrides.model_fields_set}
         )
         how = how.model_copy(update={"population": _without(how.population, how.shared)})
         if not how.shares:
@@ -387,7 +387,7 @@ class TrainedModel:
             update={
                 **{"settings": how, "prior": ranges, "shared": None, "sensors": None, "trajectories": None},
                 # The apparatus is one of what the distributions of the training are of.
-                "population": _without(self.refinement.population, {*how.shared, *(given.population or {})}),
+                "population": _without(self.refinement.population, {*how.shared, *(overrides.population or {})}),
             }
         )
         with arguments.one_thread():
@@ -423,8 +423,8 @@ class TrainedModel:
         used, refinement = self.predictor, self.refinement
         if chi2 is None or refinement is None or not isinstance(used, LeastSquares):
             return None
-        known = "noise" in refinement.settings.model_fields_set
-        if not known and not is_some(noise_of(refinement.noise, self.system, self.stored.card)):
+        noise_is_given = "noise" in refinement.settings.model_fields_set
+        if not noise_is_given and not is_some(noise_of(refinement.noise, self.system, self.stored.card)):
             return None
         freedom = used.fit.degrees_of_freedom(windows.joined.cpu()).to(chi2).expand_as(chi2)
         each = zip(chi2.double().cpu().numpy(), freedom.double().cpu().numpy(), strict=True)
@@ -514,7 +514,7 @@ def evaluate(model: TrainedModel | Mapping[str, TrainedModel], data: Trajectorie
     """:meth:`TrainedModel.evaluate`, of one model or of several by label (a column ``label`` is then added)."""
     if isinstance(model, TrainedModel):
         return model.evaluate(data, **options)  # type: ignore[arg-type]
-    each = {label: one.evaluate(data, **options) for label, one in model.items()}  # type: ignore[arg-type]
+    each = {label: trained.evaluate(data, **options) for label, trained in model.items()}  # type: ignore[arg-type]
     return pd.concat(each, names=["label"]).reset_index(level="label").reset_index(drop=True)
 
 
@@ -556,4 +556,4 @@ def _warn_of_most(which: Tensor | None, text: str) -> None:
 
 
 def _without(each: Mapping[str, Any] | None, names: Collection[str]) -> dict[str, Any]:
-    return {name: one for name, one in (each or {}).items() if name not in names}
+    return {name: value for name, value in (each or {}).items() if name not in names}

@@ -87,11 +87,11 @@ class AugmentedSets:
         u = None if part.u is None else part.u.movedim(0, 2).cpu().numpy()
         mask = None if not np.isnan(y).any() else ~np.isnan(y)
         y = y if mask is None else np.nan_to_num(y)
-        given = [
+        optional_arrays = [
             {name: value[k] for name, value in (("u", u), ("mask", mask)) if value is not None}
             for k in range(len(self.seeds))
         ]
-        return [Trajectories(self.t[: y.shape[2]], y[k], z_e[k], **each) for k, each in enumerate(given)]
+        return [Trajectories(self.t[: y.shape[2]], y[k], z_e[k], **each) for k, each in enumerate(optional_arrays)]
 
 
 def fit(

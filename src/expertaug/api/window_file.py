@@ -98,7 +98,7 @@ def _is_like(path: Path, settings: MeasurementSettings) -> bool:
         names = read_table(path, settings).names
     except InputError:
         return False
-    return {column_of(one).name for one in (settings.time, *settings.columns.values())} <= set(names)
+    return {column_of(column).name for column in (settings.time, *settings.columns.values())} <= set(names)
 
 
 def _of_trajectories(
@@ -106,23 +106,23 @@ def _of_trajectories(
 ) -> pd.DataFrame:
     """Forecasts of the latest window of each trajectory: the columns of :meth:`Forecast.table`, times in the
     trajectories' own, and the standard deviation of each state over the seeds where there are several."""
-    found = latest_windows([str(path)], settings, systems.names(model.system), model.t, model.observed)
-    for name in found.left_out:
+    windows = latest_windows([str(path)], settings, systems.names(model.system), model.t, model.observed)
+    for name in windows.left_out:
         logger.warning("%s: no window as the model observes it: left out", name)
-    if found.u is None:
-        t, u = np.concatenate((found.t, _later(model, t_end))), None
+    if windows.u is None:
+        t, u = np.concatenate((windows.t, _later(model, t_end))), None
     else:
-        t, u = _given(path, model, found.t, found.u, t_end)
-    forecast = model.forecast(found.y, t, u=u)
+        t, u = _given(path, model, windows.t, windows.u, t_end)
+    forecast = model.forecast(windows.y, t, u=u)
     table = forecast.table()
     for name in (p.name for p in model.system.state) if len(forecast.seeds) > 1 else ():
         heading = labelled(name, forecast.units[name])
         over_seeds = table.groupby(["sample", "t [s]"])[heading].transform("std")
         table.insert(list(table.columns).index(heading) + 1, labelled(f"{name} std", forecast.units[name]), over_seeds)
-    for line in _told(forecast, found, model.observed):
+    for line in _told(forecast, windows, model.observed):
         logger.info("%s", line)
-    table["t [s]"] += found.start_s[table["sample"]]
-    table["sample"] = np.array(found.names, dtype=object)[table["sample"]]
+    table["t [s]"] += windows.start_s[table["sample"]]
+    table["sample"] = np.array(windows.names, dtype=object)[table["sample"]]
     return table
 
 
@@ -171,7 +171,7 @@ def read_windows(path: Path, model: TrainedModel) -> tuple[list, np.ndarray, np.
     Raises:
         InputError: no CSV, a column is missing or of another unit, a value is no number, or windows differ in times.
     """
-    state, known = model.system.state, model.system.known
+    state, known_inputs = model.system.state, model.system.known
     if model.system.state_shape != (len(state),):
         raise InputError(path, "the model's state is a field", "forecast it in Python: expertaug.load(…).forecast(…)")
     try:
@@ -184,8 +184,8 @@ def read_windows(path: Path, model: TrainedModel) -> tuple[list, np.ndarray, np.
     sample = table[columns["sample"]] if "sample" in columns else pd.Series(0, index=table.index)
     seen = table.groupby(sample.to_numpy(), dropna=False).cumcount().to_numpy() < model.observed
     everywhere = np.ones(len(table), dtype=bool)
-    for parameter in (Parameter("t", "s"), *known, *state):
-        _check_column(path, table, columns, parameter, seen if known and parameter in state else everywhere)
+    for parameter in (Parameter("t", "s"), *known_inputs, *state):
+        _check_column(path, table, columns, parameter, seen if known_inputs and parameter in state else everywhere)
     windows = [part for _, part in table.groupby(sample.to_numpy(), sort=False, dropna=False)]
     times = [part[columns["t"]].to_numpy(dtype=float) for part in windows]
     for number, t in enumerate(times):
@@ -193,14 +193,14 @@ def read_windows(path: Path, model: TrainedModel) -> tuple[list, np.ndarray, np.
             raise InputError(path, f"window {number + 1} has other times than the first", "give all the same times")
     if not windows:
         raise InputError(path, "has no rows", f"give the {model.observed} observed points")
-    values = [part[[columns[p.name] for p in (*state, *known)]].to_numpy(dtype=float) for part in windows]
+    values = [part[[columns[p.name] for p in (*state, *known_inputs)]].to_numpy(dtype=float) for part in windows]
     y, u = np.split(np.stack(values), [len(state)], axis=2)
-    if len(times[0]) != model.observed and not (known and len(times[0]) > model.observed):
+    if len(times[0]) != model.observed and not (known_inputs and len(times[0]) > model.observed):
         remedy = f"the model observes {model.observed}, t = {model.t[0]:g} … {model.t[model.observed - 1]:g} s"
         raise InputError(path, f"has {len(times[0])} points a window", remedy)
     same_times(times[0][: model.observed], model.t[: model.observed], str(path), "give the window at these times")
     names = [part[columns["sample"]].iloc[0] if "sample" in columns else 0 for part in windows]
-    return names, times[0], y[:, : model.observed], u if known else None
+    return names, times[0], y[:, : model.observed], u if known_inputs else None
 
 
 def _given(
@@ -247,14 +247,14 @@ def _name(heading: object) -> str:
 
 def _later(model: TrainedModel, t_end: float | None) -> np.ndarray:
     """Times after the observed window."""
-    known, last = model.t, model.t[model.observed - 1]
+    model_times, last = model.t, model.t[model.observed - 1]
     if t_end is None:
-        return known[model.observed :]
+        return model_times[model.observed :]
     if not last <= t_end < np.inf:
         raise InputError("--t-end", f"found {t_end:g}", f"the observed window ends at {last:g} s")
-    step = known[-1] - known[-2]
-    count = max(0, int(np.floor((t_end - known[-1]) / step + 1e-9)))
+    step = model_times[-1] - model_times[-2]
+    count = max(0, int(np.floor((t_end - model_times[-1]) / step + 1e-9)))
     if count > MOST_TIMES:
         raise InputError("--t-end", f"{t_end:g} s is {count} steps of {step:g} s", f"at most {MOST_TIMES}")
-    times = np.concatenate((known, known[-1] + step * np.arange(1, count + 1)))
+    times = np.concatenate((model_times, model_times[-1] + step * np.arange(1, count + 1)))
     return times[(times > last) & (times <= t_end + 1e-9)]

@@ -85,20 +85,22 @@ def parse(argv: Sequence[str] | None = None) -> argparse.Namespace:
 
     A misspelt subcommand ends, with exit status 2, in one line that says which may have been meant.
     """
-    found, called = _parser()
+    command_parser, called = _parser()
     words = list(sys.argv[1:] if argv is None else argv)
     command = next((word for word in words if not word.startswith("-")), None)
     if command is not None and command not in called:
         near = difflib.get_close_matches(command, called, n=3, cutoff=0.6)
         near = list(dict.fromkeys(called[name] for name in near))
         meant = f"did you mean {' or '.join(near)}?" if near else "expertaug --help lists all"
-        found.exit(2, f"expertaug: no command '{command}'; {meant}\n")
+        command_parser.exit(2, f"expertaug: no command '{command}'; {meant}\n")
     for word in words:
         if word.startswith("-") and len(word) < LONGEST and Path(word).is_file():
-            found.exit(2, f"expertaug: '{word}' is taken for an option; write ./{word} where the file is meant\n")
-    arguments, rest = found.parse_known_args(words)
+            command_parser.exit(
+                2, f"expertaug: '{word}' is taken for an option; write ./{word} where the file is meant\n"
+            )
+    arguments, rest = command_parser.parse_known_args(words)
     if "rest" in arguments:
         arguments.rest = rest
     elif rest:
-        found.error(f"unrecognized arguments: {' '.join(rest)}")
+        command_parser.error(f"unrecognized arguments: {' '.join(rest)}")
     return arguments

@@ -80,8 +80,8 @@ def _inspect(a: argparse.Namespace) -> None:
 
     stated = {"rate_hz": a.rate, "times": a.times, "time_unit_s": a.time_unit}
     stated |= {"from_s": a.from_s, "to_s": a.to_s}
-    known = StatedTimes.from_mapping({k: v for k, v in stated.items() if v is not None})
-    text = inspect(a.videos, a.output, known)
+    stated_times = StatedTimes.from_mapping({k: v for k, v in stated.items() if v is not None})
+    text = inspect(a.videos, a.output, stated_times)
     logger.info("%s: contact sheet", a.output)
     print(text, end="")
 
@@ -107,14 +107,14 @@ def _inspect_data(a: argparse.Namespace) -> None:
         priors = {p.name: [(0.3 if p.positive else -3.0) * p.scale, 3.0 * p.scale] for p in system.expert_parameters}
         constants = systems.constants(system)
     units = dict(text.rpartition("=")[::2] for text in a.unit)
-    given = dict(map(_key, a.set))
-    MeasurementSettings.from_mapping({"paths": a.files, "columns": {"-": "-"}} | given, "--set")
-    found = Inspection(a.files, names, a.time, a.trajectory, units, given)
-    for line in found.lines():
+    overrides = dict(map(_key, a.set))
+    MeasurementSettings.from_mapping({"paths": a.files, "columns": {"-": "-"}} | overrides, "--set")
+    inspection = Inspection(a.files, names, a.time, a.trajectory, units, overrides)
+    for line in inspection.lines():
         print(comment(line))
-    found.draw(a.output)
+    inspection.draw(a.output)
     logger.info("%s: picture", a.output)
-    print(proposal(found, settings, priors, constants), end="")
+    print(proposal(inspection, settings, priors, constants), end="")
 
 
 def _noise(text: str) -> float | str:

@@ -44,12 +44,12 @@ def _publish(a: argparse.Namespace) -> None:
     from expertaug.stages.files import Files
     from expertaug.stages.planned import kept, products_of, products_of_all
 
-    found = config.validate(config.load(config.with_defaults(a.config)))
-    files = Files(found)
-    expected = [*products_of_all(files), *(path for name in found.run for path in products_of(files, name))]
+    configuration = config.validate(config.load(config.with_defaults(a.config)))
+    files = Files(configuration)
+    expected = [*products_of_all(files), *(path for name in configuration.run for path in products_of(files, name))]
     missing = [path for path in expected if not Path(path).exists()]
     if missing:
         others = f" (and {len(missing) - 1} others)" if len(missing) > 1 else ""
         raise InputError(missing[0], f"no such file{others}", "run the workflow to its end first")
-    publish(found, a.to, a.command, kept)
+    publish(configuration, a.to, a.command, kept)
     logger.info("%s: published", a.to)

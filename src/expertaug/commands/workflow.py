@@ -42,10 +42,10 @@ def command(folder: Path, arguments: Sequence[str]) -> list[str]:
         folder: that holds the workflow.
         arguments: the user's; paths of files that are not here but in ``folder`` become paths there.
     """
-    found = [
+    resolved = [
         str(folder / a) if not a.startswith("-") and not Path(a).exists() and (folder / a).is_file() else a
         for a in arguments
     ]
     profile = f"--workflow-profile={folder / 'profiles' / 'default'}"
-    profile = [] if any(a.split("=")[0] in _PROFILES for a in found) else [profile]
-    return [sys.executable, "-m", "snakemake", "--snakefile", str(folder / "Snakefile"), *profile, *found]
+    profile = [] if any(a.split("=")[0] in _PROFILES for a in resolved) else [profile]
+    return [sys.executable, "-m", "snakemake", "--snakefile", str(folder / "Snakefile"), *profile, *resolved]

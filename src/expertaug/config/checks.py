@@ -185,8 +185,8 @@ def _overridden(
             yield from options.check_part(part, settings, f"{where}.model.{part}", system, experiment.data.t1_s)
     if over.training is not None and not method.estimator.trains():
         for name in sorted(over.training.model_fields_set - set(SolverOnly.model_fields)):
-            found = f"a method of kind {method.kind} is not trained"
-            yield InputError(f"{where}.training.{name}", found, f"give it {', '.join(SolverOnly.model_fields)} alone")
+            problem = f"a method of kind {method.kind} is not trained"
+            yield InputError(f"{where}.training.{name}", problem, f"give it {', '.join(SolverOnly.model_fields)} alone")
     for block in ("training", "finetuning"):
         own = _options(getattr(over, block))
         if own and method.estimator.has_objective:
@@ -218,8 +218,8 @@ def _versions(where: str, experiment: Experiment, methods: dict[str, Method]) ->
         yield from unknown(named, methods, f"{where}.{block}", "method")
         for k, method in enumerate(named):
             if not fits(_estimator(methods, method)):
-                found = f"'{method}' is of kind {methods[method].kind}"
-                yield InputError(f"{where}.{block}[{k}]", found, remedy)
+                problem = f"'{method}' is of kind {methods[method].kind}"
+                yield InputError(f"{where}.{block}[{k}]", problem, remedy)
     if set(experiment.controls) & set(experiment.methods) and experiment.finetuning is None:
         yield InputError(f"{where}.finetuning", "missing", "methods under controls need it")
     for k, variant in enumerate(experiment.refined):
@@ -230,11 +230,11 @@ def _versions(where: str, experiment: Experiment, methods: dict[str, Method]) ->
         elif variant in experiment.refined[:k]:
             yield InputError(here, f"'{variant}' is there twice", "name each version once")
         elif not kind.has_expert:
-            found = f"'{variant}' is of kind {methods[base(variant)].kind}"
-            yield InputError(here, found, "name a version with an expert")
+            problem = f"'{variant}' is of kind {methods[base(variant)].kind}"
+            yield InputError(here, problem, "name a version with an expert")
         elif kind.fits_windows and FLOW not in Version.parse(variant).estimators:
-            found = f"'{variant}' is of kind {methods[base(variant)].kind}"
-            yield InputError(here, found, "it is fitted to each window already")
+            problem = f"'{variant}' is of kind {methods[base(variant)].kind}"
+            yield InputError(here, problem, "it is fitted to each window already")
 
 
 def _fits(
@@ -251,8 +251,8 @@ def _fits(
             break
     for k, method in enumerate(experiment.methods):
         if methods[method].truth and experiment.data.source != "simulation":
-            found = f"'{method}' takes the equation that made the data"
-            yield InputError(f"{where}.methods[{k}]", found, "only simulated data have one: leave it out")
+            problem = f"'{method}' takes the equation that made the data"
+            yield InputError(f"{where}.methods[{k}]", problem, "only simulated data have one: leave it out")
     if system is not None and system.state is not None:
         windows = experiment.refinement.windows or {}
         yield from unknown(windows, system.state, f"{where}.refinement.windows", "component of the state")
@@ -291,9 +291,9 @@ def _shared(
         over = experiment.overrides.get(method)
         own = experiment if over is None else overridden(experiment, over)
         if methods[method].estimator.shares and not own.refinement.shares:
-            found = f"'{method}' fits what windows share, and nothing is said to be shared"
+            problem = f"'{method}' fits what windows share, and nothing is said to be shared"
             first = next(iter((system.expert if system is not None else None) or ()), "NAME")
-            yield InputError(f"{where}.methods[{k}]", found, f"give refinement: {{units: {{{first}: shared}}}}")
+            yield InputError(f"{where}.methods[{k}]", problem, f"give refinement: {{units: {{{first}: shared}}}}")
 
 
 def _estimator(methods: dict[str, Method], method: str) -> type[EstimatorKind]:
@@ -314,16 +314,16 @@ def _events(where: str, experiment: Experiment, methods: dict[str, Method], jump
         for key in SOLVERS:
             solver = getattr(block, key, None)
             if solver is not None and "method" in solver.model_fields_set and solver.method != EVENTS:
-                found = f"'{solver.method}' steps over the system's events"
-                yield InputError(f"{at}.{key}.method", found, f"give {EVENTS}, with substeps")
+                problem = f"'{solver.method}' steps over the system's events"
+                yield InputError(f"{at}.{key}.method", problem, f"give {EVENTS}, with substeps")
     for k, method in enumerate(experiment.methods):
         if methods[method].expert is False:
-            found = f"'{method}' has no expert, who alone knows the system's events"
-            yield InputError(f"{where}.methods[{k}]", found, "leave it out")
+            problem = f"'{method}' has no expert, who alone knows the system's events"
+            yield InputError(f"{where}.methods[{k}]", problem, "leave it out")
         elif jumps and methods[method].estimator.trains():
-            found = f"'{method}' is trained by gradients, and what the system observes jumps at its events"
+            problem = f"'{method}' is trained by gradients, and what the system observes jumps at its events"
             remedy = "take a method of kind least_squares, or observe what does not"
-            yield InputError(f"{where}.methods[{k}]", found, remedy)
+            yield InputError(f"{where}.methods[{k}]", problem, remedy)
 
 
 def _simulation(where: str, experiment: Experiment, system: options.KnownSystem | None) -> Iterator[InputError]:
@@ -356,11 +356,11 @@ def _chunks(where: str, experiment: Experiment, recordings: RecordingKeys) -> It
     single = is_single(recordings)
     other = {"pendulum": not single, "double_pendulum": single}.get(experiment.system["name"], False)
     if other or (single and experiment.data.calibrate):
-        found = "the recordings are of a single pendulum (tracking.markers.tip is null)" if single else "they are not"
+        reason = "the recordings are of a single pendulum (tracking.markers.tip is null)" if single else "they are not"
         remedy = (
             "give the system pendulum, without calibrate" if single else "set recordings.tracking.markers.tip to null"
         )
-        yield InputError(f"{where}.system.name", f"found {experiment.system['name']}; {found}", remedy)
+        yield InputError(f"{where}.system.name", f"found {experiment.system['name']}; {reason}", remedy)
     split = experiment.data.split
     assert split.rate_hz is not None  # completed
     end = (split.length - 1) / split.rate_hz
@@ -435,14 +435,14 @@ def check_data_curves(experiments: Mapping[str, Experiment], run: Sequence[str])
         for along, points in asked.axes.items():
             where = f"experiments.{name}.studies.data_curves.{along}"
             wrong = list(unknown(points, run, where, "experiment of the run"))
-            known = [point for point in points if point in experiments]
-            measured = [point for point in known if experiments[point].data.source != "simulation"]
+            existing = [point for point in points if point in experiments]
+            measured = [point for point in existing if experiments[point].data.source != "simulation"]
             wrong += [InputError(where, f"'{point}' is measured", "name simulated experiments") for point in measured]
             yield from wrong
             if wrong:
                 continue
             taken: dict[float, str] = {}
-            for point in known:
+            for point in existing:
                 value = jobs.place_on(along, experiments[point])
                 if (other := taken.setdefault(value, point)) != point:
                     yield InputError(where, f"'{other}' and '{point}' both have {value:g}", "name one of them")

@@ -103,8 +103,8 @@ def starts(experiment: Experiment) -> list[str]:
 def estimating(config: Configuration, experiment: str) -> list[str]:
     """Versions that estimate constants of an apparatus."""
     settings = config.experiments[experiment]
-    system, known = SYSTEMS.get(settings.system["name"]), starts(settings)
-    if system is not None and set(system.EXPERT) <= set(known):
+    system, started = SYSTEMS.get(settings.system["name"]), starts(settings)
+    if system is not None and set(system.EXPERT) <= set(started):
         return []
     builds = {m: config.build_of(experiment, m) for m in settings.methods}
     named = [(v, builds[Version.parse(v).method]) for v in variants(config, experiment)]

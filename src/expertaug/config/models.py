@@ -183,9 +183,11 @@ class Data(Settings):
         if not isinstance(self.noise, int | float):
             yield disagree(f"found {show(self.noise)}", "give simulated sets one number", "noise")
         first = next(iter(sets))
-        for name, one in sets.items():
+        for name, simulated_set in sets.items():
             for part in ("z_e", "z_a"):
-                complaint = other_parameters(getattr(one, part), getattr(sets[first], part), f"the set {first}")
+                complaint = other_parameters(
+                    getattr(simulated_set, part), getattr(sets[first], part), f"the set {first}"
+                )
                 if complaint is not None:
                     yield disagree(*complaint, f"sets.{name}.{part}")
         if "iid" in sets and any(
@@ -209,7 +211,7 @@ class Data(Settings):
     @property
     def simulated(self) -> dict[str, SimulatedSet]:
         """The simulated sets by name; none where the trajectories come from elsewhere."""
-        return {name: one for name, one in (self.sets or {}).items() if one is not None}
+        return {name: simulated_set for name, simulated_set in (self.sets or {}).items() if simulated_set is not None}
 
     @property
     def set_names(self) -> list[str]:
@@ -241,8 +243,8 @@ class OutOfExpertise(Settings):
                 yield disagree(f"'{name}' is there twice", "name each distance once", f"distances[{k}]")
         for title, sets in self.panels.items():
             if len(sets) != len(self.distances):
-                found = f"{len(sets)} sets for {len(self.distances)} distances"
-                yield disagree(found, "give one set for each distance", f"panels.{title}")
+                problem = f"{len(sets)} sets for {len(self.distances)} distances"
+                yield disagree(problem, "give one set for each distance", f"panels.{title}")
 
 
 class DuringTraining(Settings):
@@ -425,7 +427,7 @@ class Experiment(Settings):
 
     @field_serializer("overrides")
     def _only_what_is_given(self, overrides: dict[str, Override]) -> dict[str, object]:
-        return {name: one.dump() for name, one in overrides.items()}
+        return {name: override.dump() for name, override in overrides.items()}
 
 
 class Presets(Settings):

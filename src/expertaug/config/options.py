@@ -53,8 +53,10 @@ def describe_system(settings: Arguments, where: str) -> tuple[KnownSystem | None
     """A system by its settings, and what is wrong with them."""
     name = settings.get("name")
     if not isinstance(name, str):
-        found = "missing" if "name" not in settings else f"found {show(name)}"
-        return None, [InputError(f"{where}.name", found, "give name (a module of expertaug.systems, or a dotted path)")]
+        problem = "missing" if "name" not in settings else f"found {show(name)}"
+        return None, [
+            InputError(f"{where}.name", problem, "give name (a module of expertaug.systems, or a dotted path)")
+        ]
     if name in SYSTEMS:
         kind = SYSTEMS[name]
         made = kind.model_construct(**{k: v for k, v in settings.items() if k in kind.model_fields})  # unchecked yet
@@ -84,12 +86,12 @@ def describe_system(settings: Arguments, where: str) -> tuple[KnownSystem | None
         None if signatures.made_by_constructor(own, a) else signatures.names_of(own, a)
         for a in ("inputs", "covariates", "input_parameters")
     ]
-    known, drawn = (
+    known_inputs, drawn = (
         None if part is None or inputs[1] is None else [*part, *inputs[1]] for part in (inputs[0], inputs[2])
     )
     wrong = list(signatures.wrong_options(own, "system", arguments, where))
     events = signatures.has_events(own)
-    return KnownSystem(state, expert, interaction, kind=own, known=known, drawn=drawn, events=events), wrong
+    return KnownSystem(state, expert, interaction, kind=own, known=known_inputs, drawn=drawn, events=events), wrong
 
 
 def check_simulated(name: str, system: KnownSystem, where: str) -> Iterator[InputError]:
@@ -114,8 +116,8 @@ def check_part(
     """
     kind = settings.get("kind")
     if not isinstance(kind, str):
-        found = "missing" if "kind" not in settings else f"found {show(kind)}"
-        yield InputError(f"{where}.kind", found, f"{suggest('', PARTS[part])}, or package.module:Class")
+        problem = "missing" if "kind" not in settings else f"found {show(kind)}"
+        yield InputError(f"{where}.kind", problem, f"{suggest('', PARTS[part])}, or package.module:Class")
         return
     if ":" in kind:
         yield from _own(part, kind, settings, where)
@@ -157,8 +159,8 @@ def _components(made: PartSettings, where: str, state: Sequence[str] | None, t1_
                 yield InputError(at, f"'{component}' is no component of the state", suggest(component, state))
     for component, (first, last) in (getattr(made, "windows", None) or {}).items():
         if first < -1e-9 or last > t1_s + 1e-9:
-            found = f"found {show([first, last])} s"
-            yield InputError(f"{where}.windows.{component}", found, f"choose within the observed 0 to {t1_s:g} s")
+            problem = f"found {show([first, last])} s"
+            yield InputError(f"{where}.windows.{component}", problem, f"choose within the observed 0 to {t1_s:g} s")
 
 
 def find_objective(kind: str, where: str) -> tuple[type | None, list[InputError]]:

@@ -50,7 +50,7 @@ def _presets() -> Iterator[str]:
     heads = [*presets.NAMES, "meaning"]
     rows = [_cells(f"`{name}`", row) for name, row in presets.ROWS.items()]
     yield "\n".join(["## choices, by preset", "", *_head("row", *heads), *rows])
-    rows = [_cells(f"`{one.experiment}` | `{one.key}`", one) for one in presets.SIMULATED]
+    rows = [_cells(f"`{row.experiment}` | `{row.key}`", row) for row in presets.SIMULATED]
     title = "## What the shipped experiments simulate, by preset"
     yield "\n".join([title, "", *_head("experiment", "key", *heads), *rows])
 
@@ -75,13 +75,13 @@ def _section(title: str, kind: type[BaseModel], pointers: Mapping[str, str] = Ma
 
 def _pointers(path: str, kind: type[BaseModel], shown: Mapping[type[BaseModel], str]) -> dict[str, str]:
     """Where the keys of a block's blocks stand, if not in a section of their own."""
-    found = {}
+    pointers = {}
     for name, field in kind.model_fields.items():
         own = f"{path}.{name}".lstrip(".")
         for model, _ in _models(field.annotation):
             if model in shown and shown[model] not in (own, f"{own}.<name>"):
-                found[name] = shown[model]
-    return found
+                pointers[name] = shown[model]
+    return pointers
 
 
 def _blocks(path: str, kind: type[BaseModel]) -> Iterator[tuple[str, type[BaseModel]]]:
@@ -147,11 +147,11 @@ def _value(annotation: Any, metadata: list[Any]) -> str:
 
 
 def _limits(metadata: list[Any]) -> str:
-    parts = [part for one in metadata for part in (one, *getattr(one, "metadata", ()))]
-    found = [f"{sign} {getattr(p, key)}" for key, sign in SIGNS.items() for p in parts if hasattr(p, key)]
+    parts = [part for constraint in metadata for part in (constraint, *getattr(constraint, "metadata", ()))]
+    limits = [f"{sign} {getattr(p, key)}" for key, sign in SIGNS.items() for p in parts if hasattr(p, key)]
     # A limit that only keeps a number within what machines count says nothing to a reader.
-    found = [text for text in found if float(text.split()[1]) < 1e8]
-    return f" {', '.join(found)}" if found else ""
+    limits = [text for text in limits if float(text.split()[1]) < 1e8]
+    return f" {', '.join(limits)}" if limits else ""
 
 
 def main() -> None:

@@ -64,8 +64,8 @@ def _one_of_kinds(kinds: Mapping[str, type[BaseModel]], key: str, own: Mapping[s
         }
         for name, kind in kinds.items()
     ]
-    known = {"enum": list(kinds)}
-    return {"type": "object", "properties": {key: {"anyOf": [known, dict(own)]}}, "allOf": cases}
+    choices = {"enum": list(kinds)}
+    return {"type": "object", "properties": {key: {"anyOf": [choices, dict(own)]}}, "allOf": cases}
 
 
 def _refer(properties: dict[str, Any], key: str, definition: str) -> None:

@@ -252,12 +252,12 @@ def hues(config: Configuration, versions: Iterable[str] | None = None) -> list[t
     """The hue of each method, or of those of some versions, in the configuration's order, points of grids aside: of the
     default configuration's methods their own, of others one that is free in their experiments."""
     names = [name for name in config.methods if "@" not in name]
-    by_experiment = [[base(name) for name in config.experiments[one].methods] for one in config.run]
+    by_experiment = [[base(name) for name in config.experiments[experiment].methods] for experiment in config.run]
     floors = {name: FLOOR for name in names if config.methods[name].truth}
     own = {name: hue for name, hue in OWN.items() if name in names and (hue != FLOOR or name in floors)}
-    found = assigned([*by_experiment, *([name] for name in names)], own | floors)
+    hue_of = assigned([*by_experiment, *([name] for name in names)], own | floors)
     shown = names if versions is None else set(map(base, versions))
-    return [(name, found[name]) for name in names if name in shown]
+    return [(name, hue_of[name]) for name in names if name in shown]
 
 
 def prior_of(augmentation: Augmentation) -> dict[str, list[float]] | None:

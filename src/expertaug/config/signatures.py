@@ -41,13 +41,13 @@ def load_system(name: str, where: str) -> type:
     base = getattr(sys.modules.get("expertaug.systems.base"), "System", ())
     classes = [c for c in vars(module).values() if isinstance(c, type) and issubclass(c, base)]
     own = [c for c in classes if c.__module__ == path]
-    found = [c for c in classes if c.__name__ == chosen] if colon else own
-    if len(found) != 1:
+    matches = [c for c in classes if c.__name__ == chosen] if colon else own
+    if len(matches) != 1:
         number = f"no System '{chosen}'" if colon else f"{len(own)} systems" if own else "no System"
         remedy = suggest(chosen, [c.__name__ for c in own]) if colon else "name one class whose base is System"
         raise InputError(where, f"{path} defines {number}", remedy if colon else f"{remedy}: {path}:Class")
-    _require(found[0], (), where)
-    return found[0]
+    _require(matches[0], (), where)
+    return matches[0]
 
 
 def require_simulation(system: type, where: str) -> None:
@@ -63,7 +63,7 @@ def names_of(system: type, attribute: str) -> list[str] | None:
 
 def has_events(kind: type) -> bool:
     """Whether a system's class defines an event, and not only the base of all systems."""
-    return next(one for one in kind.__mro__ if "event" in vars(one)).__module__ != "expertaug.systems.base"
+    return next(parent for parent in kind.__mro__ if "event" in vars(parent)).__module__ != "expertaug.systems.base"
 
 
 def takes(kind: type, argument: str) -> bool:
@@ -86,16 +86,16 @@ def wrong_options(kind: type, part: str, options: dict[str, typing.Any], where: 
     parameters = _parameters(kind)
     anything = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
     named = {n: p for n, p in parameters.items() if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
-    known = [n for n in named if n not in GIVEN[part]]
+    settable = [n for n in named if n not in GIVEN[part]]
     hints = _hints(kind)
     for name, value in options.items():
         if name in GIVEN[part]:
             yield InputError(f"{where}.{name}", "given by the package", "remove it")
-        elif name not in known and not anything:
-            yield InputError(f"{where}.{name}", "unknown key", suggest(name, known))
+        elif name not in settable and not anything:
+            yield InputError(f"{where}.{name}", "unknown key", suggest(name, settable))
         elif name in hints:
             yield from _misfit(value, hints[name], f"{where}.{name}")
-    for name in known:
+    for name in settable:
         if named[name].default is inspect.Parameter.empty and name not in options:
             yield InputError(f"{where}.{name}", "missing", f"{kind.__name__} needs it")
 
@@ -110,8 +110,8 @@ def _misfit(value: object, hint: object, where: str) -> Iterator[InputError]:
     if not fits:
         number = isinstance(value, str) and {int, float} & set(wanted) and number_in(value)
         text = " or ".join(SIMPLE.get(kind, "null") for kind in wanted)
-        found = f"found {show(value)}" + (", which YAML takes for a text" if number else "")
-        yield InputError(where, found, f"write {number}" if number else f"give {text}")
+        problem = f"found {show(value)}" + (", which YAML takes for a text" if number else "")
+        yield InputError(where, problem, f"write {number}" if number else f"give {text}")
 
 
 def _parameters(kind: type) -> Mapping[str, inspect.Parameter]:

@@ -269,16 +269,16 @@ def list_measurements(config: Configuration) -> dict[str, list[str]]:
     Raises:
         InputError: a name or a glob finds nothing, or a name means something to the workflow.
     """
-    found: dict[str, list[str]] = {}
+    measurements: dict[str, list[str]] = {}
     for name in config.run:
         data, where = config.experiments[name].data, f"experiments.{name}.data.files.paths"
         if data.source == "files":
-            found[name] = [str(file) for file in list_files(data.files.files, where)]
-            for file in found[name]:
+            measurements[name] = [str(file) for file in list_files(data.files.files, where)]
+            for file in measurements[name]:
                 if file.startswith("-") or set(file) & set("{}"):
                     what = "begins with a dash" if file.startswith("-") else "has braces"
                     raise InputError(where, f"'{file}' {what}, which the workflow takes otherwise", "rename it")
-    return found
+    return measurements
 
 
 def refuse_within_results(
@@ -310,5 +310,5 @@ def refuse_within_results(
             continue
         parts = (Path(str(path)).resolve(), Path(str(path)).parent.resolve())
         if any(part.is_relative_to(folder) for part in parts):
-            found = f"'{path}' lies in the results folder '{config.results}', whose files are made anew and deleted"
-            raise InputError(where, found, "move it elsewhere, or choose another results folder")
+            problem = f"'{path}' lies in the results folder '{config.results}', whose files are made anew and deleted"
+            raise InputError(where, problem, "move it elsewhere, or choose another results folder")

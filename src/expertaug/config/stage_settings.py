@@ -245,7 +245,7 @@ def _known(config: Configuration, experiment: str, variant: str) -> dict[str, An
     settings, own = config.experiments[experiment], config.experiment_of(experiment, Version.parse(variant).method)
     if own.system == settings.system:
         return {}
-    theirs, ours = (options.describe_system(one.system, "system")[0] for one in (settings, own))
+    theirs, ours = (options.describe_system(setup.system, "system")[0] for setup in (settings, own))
     if theirs is None or ours is None or theirs.expert is None or theirs.expert == ours.expert:
         return {}
     return {"known": {"z_e": list(theirs.expert), "z_a": list(theirs.interaction or ())}}

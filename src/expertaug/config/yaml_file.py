@@ -85,7 +85,7 @@ def _check_brackets(text: str, path: object) -> None:
 
 def _check(root: yaml.Node, path: object) -> None:
     """Refuse keys that are there twice, and what would grow without end: recursive, deep or repeated nodes."""
-    known: dict[int, tuple[int, int]] = {}
+    sizes: dict[int, tuple[int, int]] = {}
     above: set[int] = set()
 
     def measure(node: yaml.Node, depth: int) -> tuple[int, int]:
@@ -95,7 +95,7 @@ def _check(root: yaml.Node, path: object) -> None:
             raise InputError(where, "an anchor that holds itself", "remove its alias")
         if depth > DEEPEST:
             raise _deep(where)
-        if id(node) not in known:
+        if id(node) not in sizes:
             above.add(id(node))
             inside = node.value if isinstance(node, yaml.SequenceNode) else []
             if isinstance(node, yaml.MappingNode):
@@ -107,11 +107,11 @@ def _check(root: yaml.Node, path: object) -> None:
                 total, levels = total + values, max(levels, below + 1)
                 if total > MOST:
                     raise InputError(where, f"more than {MOST} values", "a configuration has fewer")
-            known[id(node)] = total, levels
+            sizes[id(node)] = total, levels
             above.discard(id(node))
-        if depth + known[id(node)][1] > DEEPEST:
+        if depth + sizes[id(node)][1] > DEEPEST:
             raise _deep(where)
-        return known[id(node)]
+        return sizes[id(node)]
 
     measure(root, 0)
 
@@ -145,11 +145,11 @@ class _Reader(yaml.constructor.SafeConstructor):
 
     def construct_yaml_map(self, node: yaml.MappingNode) -> Any:
         self.flatten_mapping(node)
-        found = Located()
-        yield found
+        mapping = Located()
+        yield mapping
         for key, value in node.value:
-            found[key.value] = self.construct_object(value, deep=True)
-            found.origin[key.value] = f"{self.path}:{key.start_mark.line + 1}"
+            mapping[key.value] = self.construct_object(value, deep=True)
+            mapping.origin[key.value] = f"{self.path}:{key.start_mark.line + 1}"
 
 
 _Reader.add_constructor("tag:yaml.org,2002:map", _Reader.construct_yaml_map)  # type: ignore[arg-type]

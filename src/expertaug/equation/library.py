@@ -75,7 +75,7 @@ def column(system: System, term: Term, y: Tensor, z_e: Tensor, u: Tensor | None)
 
 def finite(system: System, terms: Sequence[Term], y: Tensor, z_e: Tensor, u: Tensor | None) -> dict[Term, float]:
     """Root mean square over states of those terms that are finite at all of them, and not zero everywhere."""
-    found = {}
+    sizes = {}
     for term in terms:
         value = column(system, term, y, z_e, u)
         if not isinstance(value, Tensor) or value.shape != y.select(-len(system.state_shape), 0).shape:
@@ -84,5 +84,5 @@ def finite(system: System, terms: Sequence[Term], y: Tensor, z_e: Tensor, u: Ten
             raise InputError(f"term '{term}'", f"gives {shape}", f"give a tensor {wanted}, as its components are")
         size = float(value.double().square().mean().sqrt())
         if np.isfinite(size) and size > 0:
-            found[term] = size
-    return found
+            sizes[term] = size
+    return sizes

@@ -100,8 +100,8 @@ def learned(
             parts.append(
                 (aim.square().sum(1), design @ design.mT, (design @ aim.unsqueeze(-1)).squeeze(-1), aim.numel())
             )
-        equations = NormalEquations(*(torch.cat([one[k] for one in parts]) for k in range(3)))
-        each.append(Learned(Candidates(equations, base, places), sum(one[3] for one in parts), own))
+        equations = NormalEquations(*(torch.cat([piece[k] for piece in parts]) for k in range(3)))
+        each.append(Learned(Candidates(equations, base, places), sum(piece[3] for piece in parts), own))
     return each
 
 

@@ -108,7 +108,7 @@ class Found:
     @property
     def terms(self) -> tuple[Term, ...]:
         """The terms alone."""
-        return tuple(one.term for one in self.coefficients)
+        return tuple(coefficient.term for coefficient in self.coefficients)
 
     @property
     def says(self) -> str:
@@ -119,12 +119,12 @@ class Found:
     def _called_for(self) -> str:
         """What is said where the training windows clearly speak for a formula that few validation windows do not tell
         from the expert alone; else empty."""
-        alone = next(one for one in self.tried if not one.formula.terms)
-        near = [one for one in self.tried if str(one.formula) in self.ties]
-        near = [one for one in near if one.fit.criterion < alone.fit.criterion - DECISIVE]
+        alone = next(candidate for candidate in self.tried if not candidate.formula.terms)
+        near = [candidate for candidate in self.tried if str(candidate.formula) in self.ties]
+        near = [candidate for candidate in near if candidate.fit.criterion < alone.fit.criterion - DECISIVE]
         if not near:
             return ""
-        best = min(near, key=lambda one: one.fit.criterion)
+        best = min(near, key=lambda candidate: candidate.fit.criterion)
         windows = f"in forecasts of {len(alone.errors)} validation windows, within one standard error"
         return f" {windows}; the training windows call for {best.formula}: give more for validation"
 
@@ -188,9 +188,9 @@ def source_of(system: System, coefficients: Sequence[Coefficient], name: str) ->
     """
     if not name.isidentifier():
         raise InputError("name", f"found {name!r}", "give a name that a class can have")
-    for one in coefficients:
-        if one.term.function is not None:
-            raise InputError(f"term '{one.term}'", "is a function", "write it as arithmetic to export it")
+    for coefficient in coefficients:
+        if coefficient.term.function is not None:
+            raise InputError(f"term '{coefficient.term}'", "is a function", "write it as arithmetic to export it")
     base = type(system)
     if "<" in base.__qualname__:
         raise InputError("system", f"{base.__qualname__} is defined inside a function", "define its class in a module")
@@ -233,15 +233,15 @@ def source_of(system: System, coefficients: Sequence[Coefficient], name: str) ->
 def _overrides(
     system: System, base: type[System], before: str, u: str, coefficients: Sequence[Coefficient], own: Sequence
 ) -> list[str]:
-    found: list[str] = []
+    lines: list[str] = []
     rates = {"expert": f"t, y, {before}{u}"}
     if base.nonlinear is not System.nonlinear:
         rates["nonlinear"] = rates["expert"]
-    for method, given in rates.items():
-        found += [
+    for method, arguments in rates.items():
+        lines += [
             "",
             f"    def {method}(self, t, y, z_e{u}):",
-            f"        return super().{method}({given}) + self.added(y, z_e{u})",
+            f"        return super().{method}({arguments}) + self.added(y, z_e{u})",
         ]
     if own:
         passed = {"event": "y", "jump": "y", "energy": "y", "initial_state": "y", "linear_flow": None}
@@ -249,11 +249,11 @@ def _overrides(
             if getattr(base, method) is System.__dict__[method]:
                 continue
             if first is None:
-                found += ["", "    def linear_flow(self, z_e, h):", f"        return super().linear_flow({before}, h)"]
+                lines += ["", "    def linear_flow(self, z_e, h):", f"        return super().linear_flow({before}, h)"]
             else:
-                found += ["", f"    def {method}(self, {first}, z_e):"]
-                found += [f"        return super().{method}({first}, {before})"]
-    return [*found, "", *_added(system, coefficients, own, u)]
+                lines += ["", f"    def {method}(self, {first}, z_e):"]
+                lines += [f"        return super().{method}({first}, {before})"]
+    return [*lines, "", *_added(system, coefficients, own, u)]
 
 
 def _added(system: System, coefficients: Sequence[Coefficient], own: Sequence[Coefficient], u: str) -> list[str]:

@@ -92,14 +92,14 @@ class Search:
         if not kind.has_expert or not stored.model.knows_z_e:
             raise InputError("model", f"{card.label or card.kind} has no expert", "give a model with an expert")
         if len(train.t) - card.observed < FEWEST:
-            found = f"{len(train.t) - card.observed} points after the observed window"
-            raise InputError("train", found, "give windows that go on: validation scores forecasts")
+            problem = f"{len(train.t) - card.observed} points after the observed window"
+            raise InputError("train", problem, "give windows that go on: validation scores forecasts")
         self.stored, self.predictor, self.refinement = stored, predictor, refinement
         self.system, self.card, self.label, self.observed = stored.model.system, card, label, card.observed
         self.train, self.validation = train, validation
         self.decoder: Decoder = stored.model if kind.fits_windows else stored.model.decoder
         settings = RefinementSettings() if refinement is None else refinement.settings
-        given = settings.model_fields_set
+        set_fields = settings.model_fields_set
         if settings.of_sensors:
             raise InputError("sensors", "are estimated by the model", "leave them out, and seek terms with kinematics")
         names = [p.name for p in self.system.expert_parameters]
@@ -109,11 +109,11 @@ class Search:
         self.units = RefinementSettings.from_mapping({"units": chosen}).shared
         self.own = len(self.units) < len(names) or not names  # of one apparatus every coefficient is one number
         self.noise = noise if noise is not None else 0.0 if refinement is None else refinement.noise
-        known = noise_of(self.noise, self.system, card)
-        self.assumed, self.noisy = assumed_noise(settings, known, card.bound), is_some(known)
-        told = settings.solver if "solver" in given else card.training.solver
-        self.solver = Solver(**dict(told or {})) if solver is None else solver
-        self.free_start = bool(settings.free_start if "free_start" in given else self.noisy)
+        noise_std = noise_of(self.noise, self.system, card)
+        self.assumed, self.noisy = assumed_noise(settings, noise_std, card.bound), is_some(noise_std)
+        solver_options = settings.solver if "solver" in set_fields else card.training.solver
+        self.solver = Solver(**dict(solver_options or {})) if solver is None else solver
+        self.free_start = bool(settings.free_start if "free_start" in set_fields else self.noisy)
         self.samples = [Sample.of(data, self.observed) for data in (train, validation)]
         self.guesses = [self._guess(data) for data in (train, validation)]
         self.states = self._with_fitted(train)
@@ -166,8 +166,12 @@ class Search:
         def judge(fit: Fit, source: str = DIRECT) -> Tried:
             key = frozenset(zip(fit.formula.terms, fit.formula.shared, strict=True))
             if key not in done:
-                known = self.shooting.values(fit, train.groups)
-                each = [abs(one.value) / max(one.error, 1e-300) for one in known if math.isnan(one.spread)]
+                coefficients = self.shooting.values(fit, train.groups)
+                each = [
+                    abs(coefficient.value) / max(coefficient.error, 1e-300)
+                    for coefficient in coefficients
+                    if math.isnan(coefficient.spread)
+                ]
                 errors = self.shooting.errors(fit, second, validation)
                 done[key] = Tried(fit, errors, source, min(each, default=math.inf))
             return done[key]
@@ -200,7 +204,7 @@ class Search:
             return None
         formulas = [Formula(tuple(hand), (shared,) * len(hand)) for shared in (True, *([False] if self.own else []))]
         alone = self.guesses[0]
-        return min((attempt(f, alone, BY_HAND) for f in formulas), key=lambda one: one.score)  # type: ignore[operator]
+        return min((attempt(f, alone, BY_HAND) for f in formulas), key=lambda tried: tried.score)  # type: ignore[operator]
 
     def _result(
         self,
@@ -214,7 +218,7 @@ class Search:
         fit = choice.chosen.fit
         again = shooting.fit(fit.formula, self.guesses[1], validation)
         here, there = shooting.values(fit, train.groups), shooting.values(again, validation.groups)
-        short = [set(one.formulas(len(fit.formula.terms))[-1:] or [Formula()]) for one in networks]
+        short = [set(network.formulas(len(fit.formula.terms))[-1:] or [Formula()]) for network in networks]
         shown = [{term for formula in each for term in formula.terms} for each in short]
         coefficients = tuple(
             Coefficient(
@@ -244,17 +248,17 @@ class Search:
             coefficients,
             shooting.constants(fit, train.groups),
             tuple(rows),
-            tuple(sorted(tried, key=lambda one: one.score)),
-            tuple(str(one.formula) for one in choice.ties),
-            float(np.mean([one.explained(fit.formula) for one in networks])) if networks else math.nan,
+            tuple(sorted(tried, key=lambda candidate: candidate.score)),
+            tuple(str(candidate.formula) for candidate in choice.ties),
+            float(np.mean([network.explained(fit.formula) for network in networks])) if networks else math.nan,
             self._model(fit, self.label),
         )
 
     def _network_score(self) -> float:
         """log-MSE of the model's own forecasts of the validation windows, the mean of its seeds."""
         windows, observed = self._windows(self.validation), self.observed
-        found = self.predictor.estimate(windows.until(observed))
-        states = self.predictor.predicted(found, windows.observed(observed), self.stored.solver)
+        estimates = self.predictor.estimate(windows.until(observed))
+        states = self.predictor.predicted(estimates, windows.observed(observed), self.stored.solver)
         states = clamp_to_bound(states, bound_of_card(self.card, states.device))
         errors = squared_errors(self.system, states[observed:], windows.y[observed:])
         return float(errors.nanmean(1).log().mean())
@@ -264,8 +268,12 @@ class Search:
         own ones its z_a."""
         formula, card, shooting = fit.formula, self.card, self.shooting
         values = shooting.values(fit, self.samples[0].groups)
-        numbers = [one.value if s else None for one, s in zip(values, formula.shared, strict=True)]
-        own = [(one.value, max(one.spread, 1e-9)) for one, s in zip(values, formula.shared, strict=True) if not s]
+        numbers = [coefficient.value if s else None for coefficient, s in zip(values, formula.shared, strict=True)]
+        own = [
+            (coefficient.value, max(coefficient.spread, 1e-9))
+            for coefficient, s in zip(values, formula.shared, strict=True)
+            if not s
+        ]
         functions = {str(term): term.function for term in formula.terms if term.function is not None}
         part = {"terms": [str(term) for term in formula.terms], "coefficients": numbers}
         interaction = EquationInteraction(self.system, len(own), functions, **part)
@@ -302,23 +310,25 @@ class Search:
 
     def _prior(self, fit: Fit) -> dict[str, list[float]]:
         """Range of each expert parameter in which fits start: the model's, or that of the training windows, widened."""
-        given = None if self.refinement is None else self.refinement.prior
-        if isinstance(given, Mapping):
-            return {name: list(ends) for name, ends in given.items()}
-        found: dict[str, list[float]] = {}
+        prior = None if self.refinement is None else self.refinement.prior
+        if isinstance(prior, Mapping):
+            return {name: list(ends) for name, ends in prior.items()}
+        ranges: dict[str, list[float]] = {}
         for k, parameter in enumerate(self.system.expert_parameters):
             low, high = (float(f(fit.guess.z_e[0, :, k])) for f in (torch.min, torch.max))
             wide = WIDER * max(high - low, 0.1 * abs(high), 1e-6 * parameter.scale)
             least = low / 2 if parameter.positive else low - wide
-            found[parameter.name] = [max(low - wide, least), high + wide]
-        return found
+            ranges[parameter.name] = [max(low - wide, least), high + wide]
+        return ranges
 
     def _guess(self, data: Trajectories) -> Guess:
         """The model's own estimates, their median over the seeds."""
         windows = self._windows(data)
-        found: Estimates = self.predictor.estimate(windows.until(self.observed))
-        assert found.z_e is not None
-        z_e, y0 = (v.cpu().double().nan_to_num().median(dim=0, keepdim=True).values for v in (found.z_e, found.y0))
+        estimates: Estimates = self.predictor.estimate(windows.until(self.observed))
+        assert estimates.z_e is not None
+        z_e, y0 = (
+            v.cpu().double().nan_to_num().median(dim=0, keepdim=True).values for v in (estimates.z_e, estimates.y0)
+        )
         return Guess(z_e, y0)
 
     def _with_fitted(self, data: Trajectories) -> Trajectories:
@@ -327,8 +337,8 @@ class Search:
         if data.mask is None or data.mask.all():
             return data
         windows = self._windows(data)
-        found = self.predictor.estimate(windows.until(self.observed))
-        states = self.predictor.predicted(found, windows.observed(self.observed), self.stored.solver)
+        estimates = self.predictor.estimate(windows.until(self.observed))
+        states = self.predictor.predicted(estimates, windows.observed(self.observed), self.stored.solver)
         fitted = states.cpu().median(dim=1).values.movedim(0, 1).numpy()
         y = np.where(data.mask, data.y, fitted)
         return replace(data, y=y, mask=np.isfinite(y))
@@ -346,8 +356,8 @@ class Search:
         good = ~torch.isnan(y.flatten(2)).any(-1)
         sizes = finite(self.system, [*terms, *hand], y[good], z_e[good], None if u is None else u[good])
         if missing := [term for term in hand if term not in sizes]:
-            found = "is zero everywhere or not finite at a state of the training windows"
-            raise InputError(f"by_hand: '{missing[0]}'", found, "write another")
+            problem = "is zero everywhere or not finite at a state of the training windows"
+            raise InputError(f"by_hand: '{missing[0]}'", problem, "write another")
         rates = self._rates()
         names = [p.name for p in self.system.state]
         return {term: float(rates[names.index(term.rate)]) / size for term, size in sizes.items()}
@@ -370,7 +380,7 @@ class Search:
         if self.decoder.interaction is None or isinstance(self.decoder.interaction, EquationInteraction):
             return []
         windows = self._windows(self.train)
-        found = self.predictor.estimate(windows.until(self.observed))
-        states = self.predictor.predicted(found, windows.observed(self.observed), self.stored.solver)
+        estimates = self.predictor.estimate(windows.until(self.observed))
+        states = self.predictor.predicted(estimates, windows.observed(self.observed), self.stored.solver)
         shared = [k for k, p in enumerate(self.system.expert_parameters) if p.name in self.units]
-        return learned(self.decoder, found, states, windows.t, windows.u, terms, self._rates(), shared, self.own)
+        return learned(self.decoder, estimates, states, windows.t, windows.u, terms, self._rates(), shared, self.own)

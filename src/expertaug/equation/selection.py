@@ -89,18 +89,18 @@ class Candidates:
         of_all = torch.where(weight > SAME * raw.sum(0)[count:], pull.square() / weight.clamp_min(1e-30), 0.0)
         # One a window: what each says.
         each = curvature.diagonal(dim1=1, dim2=2)[:, count:]
-        known = each > SAME * raw[:, count:]
-        of_each = torch.where(known, slope[:, count:].square() / each.clamp_min(1e-30), 0.0).sum(0)
-        found = [(float(of_all[k]), term, True) for k, (term, _) in enumerate(self.terms)]
-        return found + [(float(of_each[k]), term, False) for k, (term, _) in enumerate(self.terms)]
+        determined = each > SAME * raw[:, count:]
+        of_each = torch.where(determined, slope[:, count:].square() / each.clamp_min(1e-30), 0.0).sum(0)
+        shared_gains = [(float(of_all[k]), term, True) for k, (term, _) in enumerate(self.terms)]
+        return shared_gains + [(float(of_each[k]), term, False) for k, (term, _) in enumerate(self.terms)]
 
 
 def _scaled(equations: NormalEquations, own: int) -> NormalEquations:
     """The same with coordinates in units of what tells them, the first ``own`` window by window: rounding then leaves
     little of two terms that say the same, and precise data tell others apart that are nearly alike."""
     each = equations.curvature.diagonal(dim1=1, dim2=2)
-    told = torch.cat((each[:, :own], each[:, own:].sum(0).expand(len(each), -1)), dim=1)
-    unit = torch.where(told > 0, told, 1.0).rsqrt()
+    information = torch.cat((each[:, :own], each[:, own:].sum(0).expand(len(each), -1)), dim=1)
+    unit = torch.where(information > 0, information, 1.0).rsqrt()
     curvature = equations.curvature * unit.unsqueeze(-1) * unit.unsqueeze(-2)
     return NormalEquations(equations.cost, curvature, equations.slope * unit)
 
@@ -133,7 +133,7 @@ def forward(
             break
         judged = {fit.formula: judge(fit) for fit in trials if fit.criterion < now.criterion}
         path.append(judged[chosen.formula])
-        best = min(best, path[-1], key=lambda one: one.score)
+        best = min(best, path[-1], key=lambda candidate: candidate.score)
         logger.info("equation: %s, validation %.3g", chosen.formula, path[-1].score)
     return path
 
@@ -180,15 +180,15 @@ def alike(
     u = inputs_of(system, sample.windows)
     values = quantities(system, y, fit.guess.z_e.expand(len(y), -1, -1), None if u is None else u[:, 0])
     own = fit.guess.coefficients[term].view(-1, *[1] * (len(system.state_shape) - 1))
-    aim, found = (own * term.value(values)).nan_to_num(), []
+    aim, matches = (own * term.value(values)).nan_to_num(), []
     for k, other in enumerate(library):
         if other.rate != term.rate or other in fit.formula.terms:
             continue
         column = other.value(values).nan_to_num()
         both, size = float((aim * column).sum()), float(column.square().sum())
         if size > 0:
-            found.append((-(both**2) / size, k, both / size))
-    return [(library[k], value) for _, k, value in sorted(found)[:BEAM]]
+            matches.append((-(both**2) / size, k, both / size))
+    return [(library[k], value) for _, k, value in sorted(matches)[:BEAM]]
 
 
 def _ranked(gains: Sequence[tuple[float, Term, bool]], now: Fit, own: bool) -> list[tuple[Term, bool]]:
@@ -217,7 +217,7 @@ def by_regression(columns: Candidates, numbers: int, most: int, own: bool) -> li
                 for gain, t, s in now.gains()
                 if gain > 0 and (s or own)
             ),
-            key=lambda one: one[:2],
+            key=lambda candidate: candidate[:2],
             default=None,
         )
         if best is None or best[0] >= criterion(remaining / scale, numbers, 0, TINY):
@@ -261,10 +261,10 @@ def solved(equations: NormalEquations, base: Sequence[tuple[int, bool]]) -> Tens
         total + 1e-12 * torch.eye(len(places), dtype=total.dtype) * total.diagonal().sum().clamp_min(1e-30),
         left.sum(0),
     )
-    found = torch.zeros_like(part.slope)
-    found[:, places] = shared
-    found[:, own] = rest - follow @ shared
-    return found
+    coefficients = torch.zeros_like(part.slope)
+    coefficients[:, places] = shared
+    coefficients[:, own] = rest - follow @ shared
+    return coefficients
 
 
 def backward(attempt: Callable[[Formula, Guess], Tried], last: Tried) -> None:
@@ -301,20 +301,20 @@ def choose(tried: Sequence[Tried], groups: np.ndarray, tolerance: float) -> Choi
         groups: of these windows, (N,).
         tolerance: squared error that is as good as none.
     """
-    tried = [one for one in tried if one.significance >= SIGNIFICANT]
-    best = min(tried, key=lambda one: one.score)
-    near = [one for one in tried if within(one.errors, best.errors, groups, tolerance)]
-    chosen = min(near, key=lambda one: (one.formula.freedom(2), one.formula.length, one.score))
-    return Choice(chosen, tuple(one for one in near if one is not chosen))
+    tried = [candidate for candidate in tried if candidate.significance >= SIGNIFICANT]
+    best = min(tried, key=lambda candidate: candidate.score)
+    near = [candidate for candidate in tried if within(candidate.errors, best.errors, groups, tolerance)]
+    chosen = min(near, key=lambda candidate: (candidate.formula.freedom(2), candidate.formula.length, candidate.score))
+    return Choice(chosen, tuple(candidate for candidate in near if candidate is not chosen))
 
 
 def within(errors: np.ndarray, best: np.ndarray, groups: np.ndarray, tolerance: float) -> bool:
     """Whether errors (N,) are in the mean no more than one standard error of the difference above the best's (N,)."""
     behind = errors - best
-    known = np.isfinite(behind)
-    if not known.any():
+    finite = np.isfinite(behind)
+    if not finite.any():
         return False
-    mean, behind, groups = behind[known].mean(), behind[known], groups[known]
+    mean, behind, groups = behind[finite].mean(), behind[finite], groups[finite]
     sums = np.array([(behind[groups == g] - mean).sum() for g in np.unique(groups)])
     count = len(sums)
     error = math.sqrt(float((sums**2).sum()) * count / max(count - 1, 1)) / len(behind)

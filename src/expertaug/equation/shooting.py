@@ -212,8 +212,8 @@ class Shooting:
         settings = RefinementSettings.from_mapping({"starts": 0} | ({"latent_width": FREE} if prior is None else {}))
         latent = LatentCoordinates(mean, std.clamp_min(1e-9))
         decoder = Decoder(self.system, interaction)
-        known = (settings, self.noise, self.free_start, None, latent, self.solver, self.ranges)
-        return WindowProblem(decoder, self.t[:points], *known)
+        arguments = (settings, self.noise, self.free_start, None, latent, self.solver, self.ranges)
+        return WindowProblem(decoder, self.t[:points], *arguments)
 
     def places(self, formula: Formula) -> tuple[int, ...]:
         """Of the coordinates that all windows share."""
@@ -223,8 +223,8 @@ class Shooting:
     def start(self, problem: WindowProblem, formula: Formula, guess: Guess, sample: Sample) -> Tensor:
         """Coordinates (1, N, K) of a guess; terms that it does not know are absent at first."""
         zero = torch.zeros(sample.count, dtype=torch.float64)
-        known = [guess.coefficients.get(term, zero) for term in formula.terms]
-        z_a = torch.stack(known, -1) if known else zero.new_zeros(len(zero), 0)
+        coefficients = [guess.coefficients.get(term, zero) for term in formula.terms]
+        z_a = torch.stack(coefficients, -1) if coefficients else zero.new_zeros(len(zero), 0)
         x = problem.coordinates(Estimates(guess.y0, guess.z_e, z_a.unsqueeze(0)), problem.first(sample.windows))
         places = list(self.places(formula))
         x[..., places] = x[..., places].median(dim=1, keepdim=True).values
@@ -250,8 +250,8 @@ class Shooting:
             formula = formula.plus(term, True)
         problem = self.problem(formula, len(self.t))
         zero = torch.zeros(sample.count, dtype=torch.float64)
-        known = [fit.guess.coefficients.get(term, zero) for term in formula.terms]
-        first = Estimates(fit.guess.y0, fit.guess.z_e, torch.stack(known, -1).unsqueeze(0))
+        coefficients = [fit.guess.coefficients.get(term, zero) for term in formula.terms]
+        first = Estimates(fit.guess.y0, fit.guess.z_e, torch.stack(coefficients, -1).unsqueeze(0))
         return normal_equations(problem, sample.windows, problem.coordinates(first, problem.first(sample.windows)))
 
     def errors(self, fit: Fit, guess: Guess, sample: Sample) -> np.ndarray:
@@ -262,10 +262,10 @@ class Shooting:
             guess: of the windows' own parameters.
         """
         formula = fit.formula
-        known = self.values(fit, np.arange(len(fit.equations.cost)))
+        coefficients = self.values(fit, np.arange(len(fit.equations.cost)))
         prior = {
-            term: (one.value, 0.0 if math.isnan(one.spread) else one.spread)
-            for term, one in zip(formula.terms, known, strict=True)
+            term: (coefficient.value, 0.0 if math.isnan(coefficient.spread) else coefficient.spread)
+            for term, coefficient in zip(formula.terms, coefficients, strict=True)
         }
         problem = self.problem(formula, sample.observed, prior)
         seen = sample.windows[: sample.observed]
@@ -289,30 +289,30 @@ class Shooting:
         places = [k for k in range(fit.equations.slope.shape[1]) if k not in fit.places]
         inverse = torch.linalg.pinv(fit.equations.curvature[:, places][:, :, places])
         variance = inverse.diagonal(dim1=1, dim2=2).clamp_min(0) * max(fit.cost / fit.numbers, 1e-30)
-        found = []
+        coefficients = []
         for k, (term, shared) in enumerate(zip(formula.terms, formula.shared, strict=True)):
             each = fit.guess.coefficients[term]
             if shared:
                 assert variances is not None
                 place = fit.places.index(own + k)
                 std = float(variances[place].sqrt()) * self.scales[term]
-                found.append(Pooled(float(each[0]), std, math.nan, len(set(groups.tolist()))))
+                coefficients.append(Pooled(float(each[0]), std, math.nan, len(set(groups.tolist()))))
             else:
                 std = variance[:, places.index(own + k)].sqrt() * self.scales[term]
-                found.append(pool(each.numpy(), std.numpy(), groups))
-        return found
+                coefficients.append(pool(each.numpy(), std.numpy(), groups))
+        return coefficients
 
     def constants(self, fit: Fit, groups: np.ndarray) -> dict[str, tuple[float, float]]:
         """Value and standard error of the expert parameters that all windows share, by name."""
         if not self.shared:
             return {}
         variances = clustered_variances(fit.equations, fit.places, groups)
-        found = {}
+        constants = {}
         for place, k in enumerate(self.shared):
             parameter, value = self.system.expert_parameters[k], float(fit.guess.z_e[0, 0, k])
             slope = value if parameter.positive else parameter.scale
-            found[parameter.name] = (value, abs(slope) * float(variances[place].sqrt()))
-        return found
+            constants[parameter.name] = (value, abs(slope) * float(variances[place].sqrt()))
+        return constants
 
     def _guess(self, problem: WindowProblem, formula: Formula, x: Tensor, windows: Tensor) -> Guess:
         z_e, z_a, y0 = problem.parts(x, problem.first(windows))

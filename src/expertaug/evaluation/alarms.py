@@ -179,7 +179,7 @@ def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[t
     if refined is not None and refined.seeds == version.seeds:
         moved = {name: windows.moved for name, windows in refined.sets.items() if windows.moved is not None}
         sets = {name: replace(windows, expected=moved.get(name, windows.expected)) for name, windows in sets.items()}
-    known, iid = sets[KNOWN], sets.get(IID)
+    validation, iid = sets[KNOWN], sets.get(IID)
     assessed = {}
     for name, shifted in sets.items():
         if name in ("train", KNOWN):
@@ -187,9 +187,9 @@ def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[t
         pool = shifted if iid is None or name == IID else _pooled(shifted, iid)
         for score in SCORES:
             for k, seed in enumerate(version.seeds):
-                here, there = (_score(score, windows, known, k) for windows in (pool, known))
+                here, there = (_score(score, windows, validation, k) for windows in (pool, validation))
                 if here is not None and there is not None:
-                    errors = [_no_nan(windows.errors[k]) for windows in (pool, known)]
+                    errors = [_no_nan(windows.errors[k]) for windows in (pool, validation)]
                     assessed[name, score, seed] = assess(here, errors[0], there, errors[1], attainable(len(there)))
     return assessed
 

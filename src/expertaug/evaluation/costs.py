@@ -34,15 +34,15 @@ def of_run(logs: Path) -> dict[str, Cost]:
     Arguments:
         logs: folder of its logs; a cost that cannot be read, as one that is just being written, is left out.
     """
-    found = {}
+    costs = {}
     for path in find(logs, f"*{COST}"):
         try:
-            told = json.loads(path.read_text(encoding="utf-8"))
-            cost = Cost(**{name: float(value) for name, value in told.items()})
+            fields = json.loads(path.read_text(encoding="utf-8"))
+            cost = Cost(**{name: float(value) for name, value in fields.items()})
         except (OSError, ValueError, TypeError, AttributeError):
             continue
-        found[path.relative_to(logs).as_posix().removesuffix(COST)] = cost
-    return found
+        costs[path.relative_to(logs).as_posix().removesuffix(COST)] = cost
+    return costs
 
 
 def published(folder: Path) -> dict[str, dict[str, float]]:

@@ -97,19 +97,19 @@ def _draw(versions: Mapping[str, VersionWindows], job: WindowStudyJob, title: st
     judged = list(dict.fromkeys(name for v in shown for name in versions[v].judged))
     kinds = {OWN_TITLE: [versions[v].own for v in shown]}
     kinds |= {job.of_set(name): [_drawn(versions[v], name) for v in shown] for name in judged}
-    kinds = {name: each for name, each in kinds.items() if any(one is not None for one in each)}
+    kinds = {name: each for name, each in kinds.items() if any(draws is not None for draws in each)}
     with plotting.styled():
         figure = plotting.new_figure(3.2, min(plotting.WIDTH, 1.2 + 2.2 * len(kinds)))
         for axis, (name, each) in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds.items(), strict=True):
             level = np.array([0.0, *LEVELS, 1.0])
-            windows = min(one.tarp.shape[1] for one in each if one is not None)
+            windows = min(draws.tarp.shape[1] for draws in each if draws is not None)
             spread = 1.96 * np.sqrt(level * (1 - level) / windows)
             axis.fill_between(100 * level, 100 * (level - spread), 100 * (level + spread), color="0.88", linewidth=0)
             axis.plot([0, 100], [0, 100], **IDEAL)
-            for v, one in zip(shown, each, strict=True):
-                if one is not None:
+            for v, drawn in zip(shown, each, strict=True):
+                if drawn is not None:
                     axis.plot(
-                        100 * level, 100 * _covered(one), linewidth=1.3, **plotting.look(v, colours) | {"marker": ""}
+                        100 * level, 100 * _covered(drawn), linewidth=1.3, **plotting.look(v, colours) | {"marker": ""}
                     )
             axis.set(title=name, xlabel="level of the intervals [%]", xlim=(0, 100), ylim=(0, 100))
         figure.axes[0].set_ylabel("windows within [%]")

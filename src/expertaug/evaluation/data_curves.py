@@ -79,10 +79,10 @@ def data_curves(tables: Sequence[Path], outputs: Sequence[Path], job: DataCurves
         if mean.method in job.label_of and mean.set in sets and mean.metric in {metric.name for metric in metrics}
     ]
     title = f"{job.of_experiment(job.experiment)}: how errors depend on the data"
-    found = [_table(along, job, means, sets, metrics) for along, _ in job.axes]
+    curves = [_table(along, job, means, sets, metrics) for along, _ in job.axes]
     label = f"{job.experiment}-data-curves".replace("_", "-")
-    first = replace(found[0], title=title, caption=CAPTION, label=label)
-    Study(frame(Point, points), [first, *found[1:]], lambda: _draw(points, sets, metrics[0], job, title)).save(outputs)
+    first = replace(curves[0], title=title, caption=CAPTION, label=label)
+    Study(frame(Point, points), [first, *curves[1:]], lambda: _draw(points, sets, metrics[0], job, title)).save(outputs)
 
 
 def _point(along: str, value: float, mean: TabledMean) -> Point:
@@ -99,14 +99,14 @@ def _table(
 ) -> Table:
     """A row for each metric, set and version, a column for each point."""
     experiments = dict(job.axes)[along]
-    known = {(m.experiment, m.method, m.metric, m.set): m for _, name in experiments for m in means[name]}
+    means_by_key = {(m.experiment, m.method, m.metric, m.set): m for _, name in experiments for m in means[name]}
     parts = []
     for metric in metrics:
         for name in sets:
             rows = []
             for version, label in job.labels:
                 keys = [(experiment, version, metric.name, name) for _, experiment in experiments]
-                cells = [cell_of(known, key, metric.name) for key in keys]
+                cells = [cell_of(means_by_key, key, metric.name) for key in keys]
                 rows += [[label, *cells]] if any(cell.of for cell in cells) else []
             parts.append((f"{job.of_set(name)}: {metric.heading()}", rows))
     return Table([AXES[along], *(plain(value) for value, _ in experiments)], parts)

@@ -45,19 +45,19 @@ def draw_calibration(kinds: Mapping[str, Calibration], parameters: Sequence[str]
     """
     if not kinds:
         raise InputError("kinds", "none", "give ranks of at least one kind of windows")
-    for name, found in kinds.items():
-        if found.marginal.shape[1] != len(parameters):
-            where = f"of {found.marginal.shape[1]} parameters"
+    for name, calibration in kinds.items():
+        if calibration.marginal.shape[1] != len(parameters):
+            where = f"of {calibration.marginal.shape[1]} parameters"
             raise InputError(f"kinds[{name!r}]", where, f"there are {len(parameters)} names")
     with plotting.styled():
         figure = plotting.new_figure(6.2, min(plotting.WIDTH, 1.2 + 2.0 * len(kinds)))
         grid = figure.subplots(3, len(kinds), squeeze=False, sharex=True, sharey="row")
         between = ", " if len(kinds) < 4 else ",\n"
-        for column, (name, found) in zip(grid.T, kinds.items(), strict=True):
-            _ranks(column[0], found, parameters)
-            _intervals(column[1], found, parameters)
-            _tarp(column[2], found)
-            size = f"({len(found.marginal)} windows{between}{found.draws} draws each)"
+        for column, (name, calibration) in zip(grid.T, kinds.items(), strict=True):
+            _ranks(column[0], calibration, parameters)
+            _intervals(column[1], calibration, parameters)
+            _tarp(column[2], calibration)
+            size = f"({len(calibration.marginal)} windows{between}{calibration.draws} draws each)"
             column[0].set_title(f"{plotting.text(name)}\n{size}")
             column[2].set_xlabel("credibility level")
         low, high = grid[0, 0].get_ylim()
@@ -95,14 +95,19 @@ def draw_alarm(scores: Mapping[str, Assessment], title: str = "") -> Figure:
         figure = plotting.new_figure(3.6)
         left, right = figure.subplots(1, 2)
         handles = []
-        for (name, found), (_, look) in zip(scores.items(), _looks(scores), strict=True):
+        for (name, assessment), (_, look) in zip(scores.items(), _looks(scores), strict=True):
             if first.failing.any() and not first.failing.all():
-                left.step(*roc(found.scores, found.failing), where="post", **look)
+                left.step(*roc(assessment.scores, assessment.failing), where="post", **look)
                 left.plot(
-                    found.false_alarms, found.caught, marker="o", markersize=4, color=look["color"], clip_on=False
+                    assessment.false_alarms,
+                    assessment.caught,
+                    marker="o",
+                    markersize=4,
+                    color=look["color"],
+                    clip_on=False,
                 )
-            right.plot(found.risk.kept, found.risk.risk, **look)
-            handles.append(Line2D([], [], label=f"{name}: {_area_text(found)}", **look))
+            right.plot(assessment.risk.kept, assessment.risk.risk, **look)
+            handles.append(Line2D([], [], label=f"{name}: {_area_text(assessment)}", **look))
         left.plot([0, 1], [0, 1], **IDEAL)
         right.plot(first.risk.kept, first.risk.best, color="0.45", linewidth=0.9, linestyle=(0, (4, 2)))
         right.axhline(first.risk.risk[-1], **IDEAL)

@@ -177,10 +177,10 @@ def _losses(
         for recording in dict.fromkeys(own):
             inside = own == recording
             for seed, of_seed, lost in zip(stored.seeds, power[:, inside], measured[:, inside], strict=True):
-                known = np.isfinite(lost)
-                error = lost[known].std() / np.sqrt(known.sum())
-                power_of_seed = np.nan if seed in stored.failed else of_seed[known].mean()
-                numbers = int(known.sum()), float(lost[known].mean()), float(error), float(power_of_seed)
+                finite = np.isfinite(lost)
+                error = lost[finite].std() / np.sqrt(finite.sum())
+                power_of_seed = np.nan if seed in stored.failed else of_seed[finite].mean()
+                numbers = int(finite.sum()), float(lost[finite].mean()), float(error), float(power_of_seed)
                 rows.append(Loss(*whose, seed, stored.card.system.get("expert", ""), name, str(recording), *numbers))
     return rows
 
@@ -252,11 +252,11 @@ def _of_recordings(losses: Sequence[Loss], job: DissipationJob) -> tuple[list[st
 
 def _text(values: Sequence[float]) -> str:
     """Mean ± standard deviation over the seeds that have a value."""
-    known = np.array([value for value in values if not np.isnan(value)])
-    if not len(known):
+    valid = np.array([value for value in values if not np.isnan(value)])
+    if not len(valid):
         return DASH
-    text = _number(known.mean(), known.std(ddof=1) if len(known) > 1 else None)
-    return text + (f" ({len(known)}/{len(values)})" if len(known) < len(values) else "")
+    text = _number(valid.mean(), valid.std(ddof=1) if len(valid) > 1 else None)
+    return text + (f" ({len(valid)}/{len(values)})" if len(valid) < len(values) else "")
 
 
 def _number(mean: float, spread: float | None) -> str:
@@ -299,11 +299,11 @@ def draw(losses: Sequence[Loss], job: DissipationJob) -> Figure:
 
 def _scale(axis: Axes, measured: Sequence[float], dissipated: Sequence[float]) -> None:
     """Linear as far as the measured loss goes; beyond logarithmic where a model dissipates many times that."""
-    known = np.abs([value for value in dissipated if np.isfinite(value)])
+    finite = np.abs([value for value in dissipated if np.isfinite(value)])
     most = max(map(abs, measured))
-    if len(known) and np.isfinite(most) and 0 < WIDE * most < known.max():
+    if len(finite) and np.isfinite(most) and 0 < WIDE * most < finite.max():
         axis.set_yscale("symlog", linthresh=most, linscale=2.0)
-        axis.set_yticks(_ticks(most, known.max()))
+        axis.set_yticks(_ticks(most, finite.max()))
         axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axis.yaxis.set_minor_locator(NullLocator())
 

@@ -151,13 +151,13 @@ def _curves(version: VersionWindows, method: str, label: str, job: WindowStudyJo
     """The bins of z_e's distance and, where windows are shifted in it, of z_a's."""
     shifted = [name for name in version.sets if name not in ("train", "validation" if "iid" in version.sets else "")]
     main = [version.sets[name] for name in version.judged]
-    known = {**job.interaction_range, **job.training_range}  # what one expert knows another leaves to F_a
-    away = [beyond(s.z_e, version.parameters, known) for s in main]
+    parameter_ranges = {**job.interaction_range, **job.training_range}  # what one expert knows another leaves to F_a
+    away = [beyond(s.z_e, version.parameters, parameter_ranges) for s in main]
     curve = _curve(version, ("z_e", method, label), main, away)
     ranges = job.interaction_range
     sets = [version.sets[name] for name in shifted if version.sets[name].z_a is not None]
     if set(version.interaction) == set(ranges) and ranges and sets:
-        inside = [beyond(s.z_e, version.parameters, known) == 0 for s in sets]
+        inside = [beyond(s.z_e, version.parameters, parameter_ranges) == 0 for s in sets]
         away = [beyond(s.z_a, version.interaction, ranges) for s in sets if s.z_a is not None]
         if any((far[here] > 0).any() for far, here in zip(away, inside, strict=True)):
             curve += _curve(version, ("z_a", method, label), sets, away, inside)
@@ -193,8 +193,8 @@ def _curve(
         log_mse = log_mean(errors[:, here], unit)
         off = Mean() if relative is None else Mean.of(interval(mean(relative[:, here], unit), not_negative=True))
         alarms = mean(100.0 * (misfit[:, here] > limits), unit)
-        known = Mean.of(interval(log_mse)), off, Mean.of(interval(alarms, not_negative=True), 100.0), Mean()
-        curve += _Curve([Bin(float(np.median(away[here])), len(unit), *known, *whose)], [log_mse])
+        means = Mean.of(interval(log_mse)), off, Mean.of(interval(alarms, not_negative=True), 100.0), Mean()
+        curve += _Curve([Bin(float(np.median(away[here])), len(unit), *means, *whose)], [log_mse])
     return curve
 
 

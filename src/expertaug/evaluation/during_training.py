@@ -42,7 +42,7 @@ def during_training(
     sets = {name: whole.spread(scoring.max_samples) for name, whole in sets.items()}
     card, epochs = states.read_card(snapshots), states.passes(snapshots)
     identity = (job.experiment, card.system_name, job.method, job.label, job.preset)
-    told = job.to_json()
+    settings = job.to_json()
     run = Run(
         experiment=job.experiment,
         method=job.method,
@@ -51,7 +51,7 @@ def during_training(
         system=card.system_name,
         stage="during_training",
         seeds=tuple(card.seeds),
-        params={"epochs": epochs} | {name: told[name] for name in LOGGED},
+        params={"epochs": epochs} | {name: settings[name] for name in LOGGED},
     )
     rows = []
     with (

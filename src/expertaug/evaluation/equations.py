@@ -44,25 +44,25 @@ def equations(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: 
         InputError: a file is no such model, or windows end where forecasts begin.
     """
     sets = [Trajectories.load(Path(data) / f"{n}.npz").spread(job.equation.samples) for n in ("train", "validation")]
-    found = {}
+    results = {}
     for path, version in zip(models, job.versions, strict=True):
         stored = load(path, device_of(job.device), job.classes or ())
         how = stored.card.refinement or version.refinement  # what fits windows says it in its file
         if how is None:
             raise InputError(path, "nothing says how its windows are fitted", "give settings, noise and prior")
         predictor = refined_by(stored, how) if stored.kind.fits_windows else stored.model
-        found[version.version] = Search(stored, predictor, how, *sets).run(_options(job, stored))
+        results[version.version] = Search(stored, predictor, how, *sets).run(_options(job, stored))
     labels = {version.version: version.label for version in job.versions}
-    rows = [row for version, one in found.items() for row in _rows(version, labels[version], one)]
+    rows = [row for version, result in results.items() for row in _rows(version, labels[version], result)]
     title = f"{job.of_experiment(job.experiment)}: what does the expert lack?"
     head = ["method", "term", "coefficient", "±", "spread", "validation", "verdict"]
-    terms = [[labels[v], str(c.term), *_numbers(c)] for v, one in found.items() for c in one.coefficients]
+    terms = [[labels[v], str(c.term), *_numbers(c)] for v, result in results.items() for c in result.coefficients]
     scores = [
         [labels[v], row.name, row.terms, f"{row.log_mse:.2f}".replace("-", "−")]
-        for v, one in found.items()
-        for row in one.rows
+        for v, result in results.items()
+        for row in result.rows
     ]
-    notes = [f"- {escape(line)}" for version, one in found.items() for line in _notes(labels[version], one)]
+    notes = [f"- {escape(line)}" for version, result in results.items() for line in _notes(labels[version], result)]
     tables = [
         Table(head, [("", terms)], 2, (), title, CAPTION, "equation", notes=notes, empty=EMPTY),
         Table(["method", "forecast by", "terms", "log-MSE"], [("", scores)], 3, (), "", SCORES),

@@ -173,13 +173,13 @@ def open_in(stated: Stated, ranges: Mapping[str, Sequence[float]]) -> dict[str, 
     for k, name in enumerate(stated.names):
         if stated.errors is None:
             continue
-        values, errors = (one[..., k].astype(float).mean(0) for one in (stated.values, stated.errors))
-        known = np.isfinite(values) & np.isfinite(errors)
-        half = stats.norm.ppf(0.5 + LEVEL / 2) * errors[known]
+        values, errors = (array[..., k].astype(float).mean(0) for array in (stated.values, stated.errors))
+        finite = np.isfinite(values) & np.isfinite(errors)
+        half = stats.norm.ppf(0.5 + LEVEL / 2) * errors[finite]
         ends = ranges.get(name)
         wide = np.zeros(len(half), bool) if ends is None else 2 * half >= TOLD * (ends[1] - ends[0])
         if name in stated.positive:
-            wide |= half >= values[known]
+            wide |= half >= values[finite]
         shares[name] = float(wide.mean()) if len(wide) else 0.0
     return shares
 
@@ -201,22 +201,22 @@ def summarise(
     def row(pooled: Pooled, name: str, unit: str, of: str, windows: int, of_windows: bool = False) -> Estimate:
         low, high = interval(pooled, name in stated.positive)
         ends = ranges.get(name)
-        told = None if ends is None or not np.isfinite(high - low) else high - low < TOLD * (ends[1] - ends[0])
-        told = told if told is None or not of_windows else told and name not in left_open
+        determined = None if ends is None or not np.isfinite(high - low) else high - low < TOLD * (ends[1] - ends[0])
+        determined = determined if determined is None or not of_windows else determined and name not in left_open
         numbers = (pooled.value, pooled.error, low, high, pooled.spread, windows, pooled.groups)
-        return Estimate(name, unit, of, *numbers, None if told is None else bool(told))
+        return Estimate(name, unit, of, *numbers, None if determined is None else bool(determined))
 
     for k, (name, unit) in enumerate(zip(stated.names, stated.units, strict=True)):
         if name in left_out:
             continue
         values = stated.values[..., k].astype(float)
-        known = np.isfinite(values).all(0)
-        errors = None if stated.errors is None else stated.errors[..., k].astype(float)[:, known]
-        values, identity = values[:, known], None if stated.identity is None else stated.identity[known]
+        finite = np.isfinite(values).all(0)
+        errors = None if stated.errors is None else stated.errors[..., k].astype(float)[:, finite]
+        values, identity = values[:, finite], None if stated.identity is None else stated.identity[finite]
         own = [constant for constant in together if constant.name == name]
         rows += [row(_pooled(constant), name, unit, constant.of, constant.windows or count) for constant in own]
         # Estimates that a distribution pulls scatter less than what they are of.
-        if not known.any() or any(constant.of_population for constant in own):
+        if not finite.any() or any(constant.of_population for constant in own):
             continue
         windows, seeds = values.shape[1], values.mean(1)
         between = seeds.std(ddof=1) / np.sqrt(len(seeds)) if len(seeds) > 1 else 0.0
@@ -290,20 +290,22 @@ def estimates(forecasts: Sequence[Path], outputs: Sequence[Path], job: Estimates
 def _stated(parts: Sequence[Forecasts], job: EstimatesJob) -> dict[str, Stated]:
     """What a version's files state by what it is of: of measurements all sets, of simulations each set by itself."""
     parts = [part for part in parts if part.places]
-    sets = {} if not parts else {n: one for n, one in parts[0].sets.items() if one.estimated is not None}
+    sets = {} if not parts else {n: forecast for n, forecast in parts[0].sets.items() if forecast.estimated is not None}
     if not sets:
         return {}
     first, names = parts[0], order_sets(sets)
 
     def joined(field: str, name: str) -> np.ndarray | None:
         each = [(getattr(part.sets[name], field), part.places) for part in parts]
-        return None if any(one is None for one, _ in each) else np.concatenate([one[good] for one, good in each])
+        return (
+            None if any(array is None for array, _ in each) else np.concatenate([array[good] for array, good in each])
+        )
 
     def stated(chosen: Sequence[str], identity: np.ndarray | None) -> Stated:
         values, errors = ([joined(field, name) for name in chosen] for field in ("estimated", "estimated_std"))
         return Stated(
             np.concatenate(values, axis=1),  # type: ignore[arg-type]
-            None if any(one is None for one in errors) else np.concatenate(errors, axis=1),  # type: ignore[arg-type]
+            None if any(array is None for array in errors) else np.concatenate(errors, axis=1),  # type: ignore[arg-type]
             first.estimated_names,
             first.estimated_units,
             identity,
@@ -327,9 +329,9 @@ def table(estimates: Sequence[TabledEstimate], title: str = "") -> Table:
         shown = _rounded(estimate.error)
         quantity = f"{estimate.parameter} [{estimate.unit}]" if estimate.unit else estimate.parameter
         ends = f"[{shown(estimate.low)}, {shown(estimate.high)}]" if np.isfinite(estimate.low) else DASH
-        told = DASH if estimate.told is None else "yes" if estimate.told else "no"
+        verdict = DASH if estimate.told is None else "yes" if estimate.told else "no"
         numbers = [shown(estimate.value), shown(estimate.error), ends, shown(estimate.spread)]
-        rows.append([estimate.label, quantity, estimate.of, *numbers, str(estimate.windows), told])
+        rows.append([estimate.label, quantity, estimate.of, *numbers, str(estimate.windows), verdict])
     return Table(head, [("", rows)], 3, (), title, CAPTION, "estimates", empty=EMPTY)
 
 

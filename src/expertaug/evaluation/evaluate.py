@@ -64,16 +64,16 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
         rows += [
             MetricRow(*identity, seed, name, metric, value) for metric, seed, value in scored.of_seeds(stored.seeds)
         ]
-        one = SetForecasts(z_e=truth.z_e)
+        set_forecasts = SetForecasts(z_e=truth.z_e)
         if len(truth.t) <= len(stored.card.t):  # longer ones have other errors, of windows that others have
-            t, one = truth.t, _of_every_sample(name, truth, scored)
+            t, set_forecasts = truth.t, _of_every_sample(name, truth, scored)
             distributed |= name != "train" and scored.draws is not None
-            if one.ranks is not None and scored.draws is not None:
+            if set_forecasts.ranks is not None and scored.draws is not None:
                 rank_draws = scored.draws.shape[2]
         if shown:
-            one = replace(one, kept=_of_chosen_samples(truth, scored))
-        if shown or one.errors is not None:
-            sets[name] = one
+            set_forecasts = replace(set_forecasts, kept=_of_chosen_samples(truth, scored))
+        if shown or set_forecasts.errors is not None:
+            sets[name] = set_forecasts
     own = None
     if distributed and job.own is not None and scoring.draws:
         train = Trajectories.load(folder / "train.npz")
@@ -98,7 +98,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
         estimated_names=[p.name for p in parameters],
         estimated_units=[p.unit for p in parameters],
         positive_names=[p.name for p in parameters if p.positive],
-        shared={name: one.groups for name, one in constants.items()},
+        shared={name: constant.groups for name, constant in constants.items()},
         constants=constants_of(refinement, *({p.name: p.unit for p in of} for of in (parameters, system.state))),
         version=VersionKey(job.experiment, job.preset, job.method),
         rank_draws=rank_draws,
@@ -115,9 +115,9 @@ def _of_every_sample(name: str, truth: Trajectories, scored: Scored) -> SetForec
         return None if values is None else values.float().numpy()
 
     is_train = name == "train"
-    one = SetForecasts() if is_train else scored_draws(truth.z_e, scored.draws, scored.drawn)
+    set_forecasts = SetForecasts() if is_train else scored_draws(truth.z_e, scored.draws, scored.drawn)
     return replace(
-        one,
+        set_forecasts,
         errors=array(scored.errors),
         misfit=array(scored.misfit),
         z_e=truth.z_e,

@@ -30,9 +30,9 @@ class ExpertProbe:
     def __init__(self, model: Predictor, drawing: Drawing, count: int) -> None:
         self.model, self.drawing = model, drawing
         decoder = getattr(model, "decoder", None)
-        told = model.knows_z_e and decoder.expert and decoder.interaction is not None
-        self.decoder = decoder if told and decoder.system.expert_parameters else None
-        few = FIELDS if told and len(decoder.system.state_shape) > 1 else PROBED
+        is_hybrid = model.knows_z_e and decoder.expert and decoder.interaction is not None
+        self.decoder = decoder if is_hybrid and decoder.system.expert_parameters else None
+        few = FIELDS if is_hybrid and len(decoder.system.state_shape) > 1 else PROBED
         self.places = np.linspace(0, count - 1, min(few, count)).astype(int)
         self.states: list[Tensor] = []
         self.windows: list[Windows] = []
@@ -53,18 +53,18 @@ class ExpertProbe:
         if self.decoder is None or made.found.z_e is None or made.found.z_a is None or not len(here):
             return
         some = torch.from_numpy(here).to(windows.y.device)
-        found, part = replace(made.found.part(some), posterior=None, draws=None, root=None), windows.samples(some)
+        estimates, part = replace(made.found.part(some), posterior=None, draws=None, root=None), windows.samples(some)
         self.states.append(made.states[:, :, some])
         self.windows.append(part)
-        self.estimates.append(found)
-        z_e = torch.from_numpy(truth[here]).to(found.z_e)
+        self.estimates.append(estimates)
+        z_e = torch.from_numpy(truth[here]).to(estimates.z_e)
         if z_e.isnan().any() or self.drawing.start != "y0":
             return
         limit = bound if bound is None or bound.dim() == 1 else bound[some]
-        known, t, decoder = replace(found, z_e=z_e.expand_as(found.z_e)), self.drawing.t, self.decoder
+        with_true_z_e, t, decoder = replace(estimates, z_e=z_e.expand_as(estimates.z_e)), self.drawing.t, self.decoder
 
         def solved(which: slice, solver: BoundedSolver) -> Tensor:
-            of, u = known.part(which), None if part.u is None else part.u[:, :, which]
+            of, u = with_true_z_e.part(which), None if part.u is None else part.u[:, :, which]
             return decoder.forecast(of.y0, of.z_e, of.z_a, t, solver, u)
 
         states, _ = solve_with_sample_fallback(solved, len(here), self.drawing.solver, limit)
@@ -77,6 +77,10 @@ class ExpertProbe:
         F_a in the expert's directions, (S,); None of a model without both."""
         if self.decoder is None or not self.states:
             return None, None
-        states, part, found = torch.cat(self.states, dim=2), Windows.cat(self.windows), Estimates.joined(self.estimates)
-        share = expert_share(self.decoder, states, found.z_e, found.z_a, self.drawing.t, part.u)
+        states, part, estimates = (
+            torch.cat(self.states, dim=2),
+            Windows.cat(self.windows),
+            Estimates.joined(self.estimates),
+        )
+        share = expert_share(self.decoder, states, estimates.z_e, estimates.z_a, self.drawing.t, part.u)
         return torch.cat(self.worse, dim=2) if self.worse else None, share

@@ -71,10 +71,10 @@ def forecast(
         bound: (K,) or (B, K), largest size of each component; None keeps what is not finite.
     """
     before = time.process_time()
-    found = model.estimate(windows)
+    estimates = model.estimate(windows)
     estimate_s = time.process_time() - before
     states, unsolved = solve_with_sample_fallback(
-        lambda part, stopping: model.predicted(found.part(part), windows.samples(part), stopping, start),
+        lambda part, stopping: model.predicted(estimates.part(part), windows.samples(part), stopping, start),
         windows.y.shape[2],
         solver,
         bound,
@@ -82,7 +82,7 @@ def forecast(
     near = within_bound(states, bound)
     # Seeds are solved together: those that a fixed grid shows to run away are at fault, all where it shows none.
     runaways = ~near | (unsolved & near.all(0))
-    return Forecast(clamp_to_bound(states, bound) if runaways.any() else states, found, runaways, estimate_s)
+    return Forecast(clamp_to_bound(states, bound) if runaways.any() else states, estimates, runaways, estimate_s)
 
 
 @dataclass(frozen=True)
@@ -106,12 +106,12 @@ class DrawnScores:
         if not parts:
             return None
         names = ("crps", "energy", "inside")
-        return DrawnScores(*(np.concatenate([getattr(one, name) for one in parts], axis=1) for name in names))
+        return DrawnScores(*(np.concatenate([getattr(part, name) for part in parts], axis=1) for name in names))
 
     def averages(self) -> dict[str, Any]:
         """Means over windows by metric, each (S,); coverage in % by level."""
-        told, each = ~np.isnan(self.crps).any(0), (self.crps, self.energy, self.inside)
-        means, energy, held = each if told.all() else (one[:, told] for one in each)
+        scored, each = ~np.isnan(self.crps).any(0), (self.crps, self.energy, self.inside)
+        means, energy, held = each if scored.all() else (values[:, scored] for values in each)
         levels = {f"{100 * level:.0f}": 100 * held[..., k].mean(1) for k, level in enumerate(TABLE_LEVELS)}
         return {"crps": means.mean(1), "energy_score": energy.mean(1), "forecast_coverage": levels}
 
@@ -188,16 +188,16 @@ class Drawing:
     def _scored(self, system: System, states: Tensor, y: Tensor) -> DrawnScores:
         drawn = system.observe(states).flatten(4).movedim(1, 3).double().cpu().numpy()  # (K, S, B, T', D)
         true = system.observe(y).flatten(3).movedim(0, 2).double().cpu().numpy()  # (S, B, T', D)
-        known = ~np.isnan(true)
-        if not known.all():  # where draws and truth are alike, a vector's distance is that of its other components
-            drawn, true = np.where(known, drawn, 0.0), np.where(known, true, 0.0)
+        measured = ~np.isnan(true)
+        if not measured.all():  # where draws and truth are alike, a vector's distance is that of its other components
+            drawn, true = np.where(measured, drawn, 0.0), np.where(measured, true, 0.0)
         each = ([], [], [])
-        for k, told in enumerate(known):
+        for k, mask in enumerate(measured):
             held = inside(ranks(drawn[:, k], true[k]), self.count, TABLE_LEVELS)
-            each[0].append(_mean_where(told, crps(drawn[:, k], true[k]), (1, 2)))
-            each[1].append(_mean_where(told.any(-1), energy_score(drawn[:, k], true[k]), 1))
-            each[2].append(_mean_where(np.broadcast_to(told, held.shape), held, (2, 3)).T)
-        return DrawnScores(*(np.stack(one) for one in each))
+            each[0].append(_mean_where(mask, crps(drawn[:, k], true[k]), (1, 2)))
+            each[1].append(_mean_where(mask.any(-1), energy_score(drawn[:, k], true[k]), 1))
+            each[2].append(_mean_where(np.broadcast_to(mask, held.shape), held, (2, 3)).T)
+        return DrawnScores(*(np.stack(scores) for scores in each))
 
     def band(
         self, model: Predictor, found: Estimates, windows: Windows, bound: Tensor | None, random: RandomStreams
@@ -285,7 +285,7 @@ class ExpectedError:
                 return
             states = made.states[drawing.begin :, :, part]
             self.expected.append(
-                torch.stack([squared_errors(self.model.system, one, states) for one in drawn]).mean(0).cpu()
+                torch.stack([squared_errors(self.model.system, draw, states) for draw in drawn]).mean(0).cpu()
             )
 
     def joined(self) -> tuple[Tensor | None, Tensor | None]:
@@ -301,8 +301,11 @@ def scored_draws(z_e: np.ndarray, draws: Tensor | None, scores: DrawnScores | No
     if draws is not None and z_e.shape[-1] and not np.isnan(z_e).any():
         true = np.broadcast_to(z_e, (len(draws), *z_e.shape[-2:]))
         pairs = zip(draws, true, strict=True)
-        each = [calibration(one.movedim(1, 0).double().nan_to_num().numpy(), own) for one, own in pairs]
-        ranks_of_z_e, tarp = np.stack([one.marginal for one in each]), np.stack([one.tarp for one in each])
+        each = [calibration(seed_draws.movedim(1, 0).double().nan_to_num().numpy(), own) for seed_draws, own in pairs]
+        ranks_of_z_e, tarp = (
+            np.stack([seed_ranks.marginal for seed_ranks in each]),
+            np.stack([seed_ranks.tarp for seed_ranks in each]),
+        )
     crps_and_inside = (None, None) if scores is None else (scores.crps, scores.inside)
     return SetForecasts(ranks=ranks_of_z_e, tarp=tarp, crps=crps_and_inside[0], inside=crps_and_inside[1])
 
@@ -322,9 +325,9 @@ def of_own_windows(
     windows, z_e = own_draws(stored, Windows.of(train, device), own, noise, count)
     if not windows.y.shape[2]:
         return None, 0
-    found = stored.model.estimate(windows.until(drawing.observed))
-    draws = z_e_draws(found)
+    estimates = stored.model.estimate(windows.until(drawing.observed))
+    draws = z_e_draws(estimates)
     bound, random = bound_of_card(stored.card, device), RandomStreams(stored.seeds, DRAWN, device=device)
-    scores = drawing.scores(stored.model, found, windows, bound, random)
+    scores = drawing.scores(stored.model, estimates, windows, bound, random)
     each = None if draws is None else draws.cpu()
     return scored_draws(z_e.cpu().numpy(), each, scores), 0 if each is None else each.shape[2]

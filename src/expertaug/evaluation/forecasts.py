@@ -74,22 +74,25 @@ def constants_of(
     Arguments:
         parameters, state: unit of each expert parameter and of each component of the state, by name.
     """
-    found: list[ConstantEstimate] = []
+    constants: list[ConstantEstimate] = []
     if refinement is None:
-        return found
-    for name, one in (refinement.population or {}).items():
-        of, numbers = POPULATIONS[one.unit], (one.middle.value, one.middle.error, _deviation(one), 0, one.middle.groups)
-        found.append(ConstantEstimate(name, parameters[name], of, *numbers))
+        return constants
+    for name, fitted in (refinement.population or {}).items():
+        of, numbers = (
+            POPULATIONS[fitted.unit],
+            (fitted.middle.value, fitted.middle.error, _deviation(fitted), 0, fitted.middle.groups),
+        )
+        constants.append(ConstantEstimate(name, parameters[name], of, *numbers))
     for name, each in (refinement.trajectories or {}).items():
-        for of, one in each.items():
-            numbers = one.value, one.error, math.nan, one.groups, 1
-            found.append(ConstantEstimate(name, parameters[name], of, *numbers))
+        for of, fitted in each.items():
+            numbers = fitted.value, fitted.error, math.nan, fitted.groups, 1
+            constants.append(ConstantEstimate(name, parameters[name], of, *numbers))
     for component, sensor in (refinement.sensors or {}).items():
         for name, unit in (("offset", state[component]), ("scale", "")):
-            if (one := getattr(sensor, name)) is not None:
-                numbers = one.value, one.error, math.nan, 0, one.groups
-                found.append(ConstantEstimate(f"{name} of {component}", unit, SHARED, *numbers))
-    return found
+            if (fitted := getattr(sensor, name)) is not None:
+                numbers = fitted.value, fitted.error, math.nan, 0, fitted.groups
+                constants.append(ConstantEstimate(f"{name} of {component}", unit, SHARED, *numbers))
+    return constants
 
 
 def _deviation(one: Population) -> float:
@@ -215,12 +218,12 @@ class Forecasts:
     @property
     def kept(self) -> dict[str, KeptForecasts]:
         """Forecasts of chosen samples, of the sets that have some."""
-        return {name: one.kept for name, one in self.sets.items() if one.kept is not None}
+        return {name: set_forecasts.kept for name, set_forecasts in self.sets.items() if set_forecasts.kept is not None}
 
     @property
     def truths(self) -> dict[str, np.ndarray]:
         """True expert parameters, (N, P), of the sets that have some."""
-        return {name: one.z_e for name, one in self.sets.items() if one.z_e is not None}
+        return {name: set_forecasts.z_e for name, set_forecasts in self.sets.items() if set_forecasts.z_e is not None}
 
     @property
     def estimates(self) -> dict[str, np.ndarray]:
@@ -241,8 +244,8 @@ class Forecasts:
     def save(self, path: str | Path) -> None:
         """Write the file."""
         arrays: dict[str, Any] = {}
-        for name, one in self.sets.items():
-            arrays |= one.arrays(name)
+        for name, set_forecasts in self.sets.items():
+            arrays |= set_forecasts.arrays(name)
         arrays |= {} if self.own is None else self.own.arrays(OWN)
         arrays |= {name: getattr(self, name) for name in ("t", "observed", "seeds", "rank_draws", "version")}
         texts = {name: np.array(getattr(self, name), dtype=str) for name in (*TEXTS, *MORE_TEXTS)}
@@ -250,9 +253,9 @@ class Forecasts:
         arrays["shared_groups"] = np.array(list(self.shared.values()), dtype=int)
         for name, values in zip(ConstantEstimate._fields, zip(*self.constants, strict=True), strict=False):
             arrays[CONSTANTS + name] = np.array(values)
-        found = {key: np.array(value) for key, value in arrays.items() if value is not None}
+        stored = {key: np.array(value) for key, value in arrays.items() if value is not None}
         with atomic(path) as temporary, temporary.open("wb") as stream:
-            np.savez_compressed(stream, **found, failed=np.array(self.failed, dtype=int), **texts)
+            np.savez_compressed(stream, **stored, failed=np.array(self.failed, dtype=int), **texts)
 
     @classmethod
     def load(cls, path: str | Path) -> Forecasts:
@@ -287,8 +290,8 @@ class Forecasts:
                 for name, groups in zip(arrays.get("shared_names", ()), arrays.get("shared_groups", ()), strict=True)
             },
             constants=[
-                ConstantEstimate(*(kind(value) for kind, value in zip(CONSTANT_TYPES, one, strict=True)))
-                for one in zip(*(arrays.get(CONSTANTS + name, ()) for name in ConstantEstimate._fields), strict=True)
+                ConstantEstimate(*(kind(value) for kind, value in zip(CONSTANT_TYPES, row, strict=True)))
+                for row in zip(*(arrays.get(CONSTANTS + name, ()) for name in ConstantEstimate._fields), strict=True)
             ],
             version=VersionKey(*map(str, arrays["version"])) if "version" in arrays else None,
             rank_draws=int(arrays["rank_draws"]) if "rank_draws" in arrays else None,
@@ -318,8 +321,8 @@ def _of_set(path: Path, name: str, arrays: Mapping[str, np.ndarray]) -> SetForec
 
 def _named(kind: type, name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """A set's arrays that are fields of a class."""
-    found = {one.name: arrays.get(f"{name}_{one.name}") for one in fields(kind)}
-    return {key: value for key, value in found.items() if value is not None}
+    by_field = {attribute.name: arrays.get(f"{name}_{attribute.name}") for attribute in fields(kind)}
+    return {key: value for key, value in by_field.items() if value is not None}
 
 
 def _check_kept(path: Path, name: str, kept: KeptForecasts, size: tuple[int, int, int]) -> None:

@@ -83,7 +83,7 @@ def units_of(identity: np.ndarray | None, count: int) -> np.ndarray:
     """
     if identity is None:
         return np.arange(count)
-    recordings, first = zip(*(str(one).rsplit("/", 1) for one in identity), strict=True)
+    recordings, first = zip(*(str(sample_id).rsplit("/", 1) for sample_id in identity), strict=True)
     names, recording = np.unique(recordings, return_inverse=True)
     if len(names) >= FEWEST_RECORDINGS:
         return recording
@@ -219,7 +219,7 @@ def _widened(units: int, source: str) -> np.ndarray:
 
 def _of_means(errors: np.ndarray, unit: np.ndarray, transform: Callable[[np.ndarray], np.ndarray]) -> Resampled:
     units = int(unit.max()) + 1
-    sums = np.stack([np.bincount(unit, minlength=units), *(np.bincount(unit, one, units) for one in errors)])
+    sums = np.stack([np.bincount(unit, minlength=units), *(np.bincount(unit, of_seed, units) for of_seed in errors)])
     sizes, *sums = sums @ resamples(units).astype(float)
     return Resampled(transform(errors.mean(1)), transform(np.stack(sums, axis=1) / sizes[:, None]), units)
 

@@ -149,7 +149,7 @@ METRICS: list[Metric] = []
 
 def register(metric: Metric) -> Metric:
     """Add a metric: ``evaluate`` computes it of every set, tables print it; their order is that of registration."""
-    if any(metric.name == known.name for known in METRICS):
+    if any(metric.name == registered.name for registered in METRICS):
         raise ValueError(f"there is a metric {metric.name!r} already")
     METRICS.append(metric)
     metric_of.cache_clear()
@@ -172,14 +172,14 @@ def values_of(outcome: Outcome) -> dict[str, Tensor]:
     """Every registered metric of an outcome that applies to it, by name, each (S,)."""
     import torch
 
-    found: dict[str, Tensor] = {}
+    values: dict[str, Tensor] = {}
     for metric in METRICS:
         value = metric.compute(outcome)
         if OF in metric.name:
-            found |= {metric.member(of).name: torch.as_tensor(each) for of, each in (value or {}).items()}
+            values |= {metric.member(of).name: torch.as_tensor(each) for of, each in (value or {}).items()}
         elif value is not None:
-            found[metric.name] = torch.as_tensor(value)
-    return found
+            values[metric.name] = torch.as_tensor(value)
+    return values
 
 
 def log_mse_of(convention: str) -> Metric:
@@ -233,9 +233,9 @@ def parameter_errors(system: System, estimate: Tensor, truth: Tensor) -> dict[st
     nothing = estimate[..., 0]
     outcome = Outcome(system, nothing, nothing, None, nothing, z_e=estimate, truth=truth)
     relative, rmse, together = _errors_of_parameters(outcome)
-    found = {} if together is None else {RELATIVE_ERROR.name: together}
-    found |= {RELATIVE_ERROR_OF.member(of).name: value for of, value in relative.items()}
-    return found | {RMSE_OF.member(of).name: value for of, value in rmse.items()}
+    errors = {} if together is None else {RELATIVE_ERROR.name: together}
+    errors |= {RELATIVE_ERROR_OF.member(of).name: value for of, value in relative.items()}
+    return errors | {RMSE_OF.member(of).name: value for of, value in rmse.items()}
 
 
 def measured(errors: Tensor) -> Tensor:
@@ -276,10 +276,10 @@ def _errors_of_parameters(outcome: Outcome) -> tuple[dict[str, Tensor], dict[str
         return columns[0], columns[1], each.mean(1)
     relative, rmse = {}, {}
     for k, name in enumerate(names):
-        known = ~truth[0, :, k].isnan()
-        if known.any():
-            far = (estimate[:, known, k] - truth[:, known, k]).double()
-            relative[name] = 100 * (far / truth[:, known, k]).abs().mean(1)
+        has_truth = ~truth[0, :, k].isnan()
+        if has_truth.any():
+            far = (estimate[:, has_truth, k] - truth[:, has_truth, k]).double()
+            relative[name] = 100 * (far / truth[:, has_truth, k]).abs().mean(1)
             rmse[name] = far.square().mean(1).sqrt()
     return relative, rmse, torch.stack(list(relative.values())).mean(0) if relative else None
 

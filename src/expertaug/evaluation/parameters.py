@@ -75,12 +75,12 @@ def draw_parameters(found: Mapping[str, Forecasts], reading: ParameterReading) -
                 grid[row, 0].set_ylabel("windows\n(truth unknown)")
                 continue
             low, high = _show_ranges(dict(zip(methods, grid[row], strict=True)), first, row, name, reading)
-            told = []
+            annotated = []
             for axis, method in zip(grid[row], methods, strict=True):
-                told.append(_scatter(axis, found[method], row, (low, high), colours[method]))
+                annotated.append(_scatter(axis, found[method], row, (low, high), colours[method]))
                 axis.set_xlabel(f"true {quantity}")
             for axis, title in zip(grid[row] if row == 0 else (), titles, strict=False):
-                axis.set_title(title, pad=12 if any(told) else None)  # above what is told of points outside
+                axis.set_title(title, pad=12 if any(annotated) else None)  # above what is told of points outside
             grid[row, 0].set_ylabel(f"estimated {quantity}")
         _parameter_legend(figure, first, reading)
         if first.version is not None:
@@ -103,7 +103,7 @@ def _histograms(
 ) -> None:
     """Histograms of the estimates of one parameter, an axis a method: filled of the test set, of others an outline."""
     each = [data.estimates[n][data.places, :, column] for data in found.values() for n in drawn_sets(data.estimates)]
-    pooled = np.concatenate([one.ravel() for one in each])
+    pooled = np.concatenate([values.ravel() for values in each])
     pooled = pooled[np.isfinite(pooled)]
     ends = np.quantile(pooled, [TAIL, 1 - TAIL]) if len(pooled) else np.array([0.0, 1.0])
     shown = [end for prior in priors.values() if prior is not None for end in prior]
@@ -133,8 +133,8 @@ def _show_ranges(
     priors = {method: _prior(reading, method, name) for method in axes}
     ends = [value for limits in (training, *priors.values()) if limits is not None for value in limits]
     shown = [data.truths[name][:, column] for name in drawn_sets(data.estimates)]
-    known = [values[np.isfinite(values)] for values in shown]
-    ends += [end for values in known if len(values) for end in (values.min(), values.max())]
+    finite = [values[np.isfinite(values)] for values in shown]
+    ends += [end for values in finite if len(values) for end in (values.min(), values.max())]
     low, high = min(ends), max(ends)
     margin = MARGIN * ((high - low) or 1.0)
     limits = (float(low - margin), float(high + margin))
@@ -168,8 +168,8 @@ def _scatter(
         chosen = np.linspace(0, len(truth) - 1, min(POINTS, len(truth))).astype(int)
         for estimate in data.estimates[name][data.places, :, column]:
             inside = (estimate >= limits[0]) & (estimate <= limits[1])
-            known = np.isfinite(truth)
-            outside, total = outside + int((~inside & known).sum()), total + int(known.sum())
+            finite = np.isfinite(truth)
+            outside, total = outside + int((~inside & finite).sum()), total + int(finite.sum())
             filled = name == "test"
             axis.scatter(
                 truth[chosen],

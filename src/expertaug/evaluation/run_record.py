@@ -55,8 +55,8 @@ def costs_table(measured: Mapping[str, Cost]) -> Table:
     stages: dict[str, list[Cost]] = {}
     for job, cost in measured.items():
         stages.setdefault(job.partition("/")[0], []).append(cost)
-    ranked = sorted(stages.items(), key=lambda one: -sum(cost.seconds for cost in one[1]))
-    rows = [_row(name.replace("_", " "), found) for name, found in ranked]
+    ranked = sorted(stages.items(), key=lambda stage: -sum(cost.seconds for cost in stage[1]))
+    rows = [_row(name.replace("_", " "), costs) for name, costs in ranked]
     if len(rows) > 1:
         rows.append(_row("all", list(measured.values())))
     return Table(["stage", "jobs", "total time", "longest job", "largest memory of a job [MB]"], [("", rows)])

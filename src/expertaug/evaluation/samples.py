@@ -34,32 +34,37 @@ class Samples:
 
     def __init__(self, forecasts: Sequence[Forecasts]) -> None:
         parts: dict[VersionKey, list[Forecasts]] = {}
-        for one in forecasts:
-            parts.setdefault(one.identified(), []).append(one)
+        for loaded in forecasts:
+            parts.setdefault(loaded.identified(), []).append(loaded)
         self._sets = {key: _joined(several) for key, several in parts.items()}
-        self._seeds = {key: np.array([seed for one in part for seed in one.seeds]) for key, part in parts.items()}
+        self._seeds = {key: np.array([seed for group in part for seed in group.seeds]) for key, part in parts.items()}
         self._made: dict[tuple[VersionKey, str, str], tuple[np.ndarray, Resampled] | None] = {}
 
     def by_recording(self, experiment: str) -> bool:
         """Whether an experiment's samples are chunks of recordings."""
-        found = [one for key, sets in self._sets.items() if key.experiment == experiment for one in sets.values()]
-        return any(one.by_recording for one in found)
+        sample_sets = [
+            sample_set
+            for key, sets in self._sets.items()
+            if key.experiment == experiment
+            for sample_set in sets.values()
+        ]
+        return any(sample_set.by_recording for sample_set in sample_sets)
 
     def estimates_unknown(self, key: VersionKey, name: str) -> bool:
         """Whether a version estimates parameters whose truth nobody knows on a set (estimates on train are not kept:
         there, whether it is so on all others)."""
         sets = self._sets.get(key, {})
         unknown = {
-            n: bool(np.isnan(one.relative).all())
-            for n, one in sets.items()
-            if one.relative is not None and one.parameters
+            n: bool(np.isnan(sample_set.relative).all())
+            for n, sample_set in sets.items()
+            if sample_set.relative is not None and sample_set.parameters
         }
         return unknown.get(name, bool(unknown) and all(unknown.values()))
 
     def resampled(self, key: VersionKey, name: str, metric: str) -> Resampled | None:
         """A metric of a version on a set, of the seeds with a finite value; None where no samples are kept of it."""
-        found = self._of(key, name, metric)
-        return None if found is None else found[1]
+        seeds_and_metric = self._of(key, name, metric)
+        return None if seeds_and_metric is None else seeds_and_metric[1]
 
     def difference(self, key: VersionKey, reference: VersionKey, name: str, metric: str) -> Interval | None:
         """How much lower a version's metric is than another's, of the seeds that both have, sample by sample; None
@@ -80,7 +85,9 @@ class Samples:
         common = np.intersect1d(own[0], other[0])
         if not len(common):
             return None
-        mine, theirs = (one.of([int(np.flatnonzero(seeds == s)[0]) for s in common]) for seeds, one in (own, other))
+        mine, theirs = (
+            resampled.of([int(np.flatnonzero(seeds == s)[0]) for s in common]) for seeds, resampled in (own, other)
+        )
         return theirs - mine
 
     def _of(self, key: VersionKey, name: str, metric: str) -> tuple[np.ndarray, Resampled] | None:
@@ -90,16 +97,16 @@ class Samples:
         return self._made[key, name, metric]
 
     def _make(self, key: VersionKey, name: str, metric: str) -> tuple[np.ndarray, Resampled] | None:
-        one = self._sets.get(key, {}).get(name)
+        sample_set = self._sets.get(key, {}).get(name)
         described = metric_of(metric)
-        chosen = None if one is None else described.samples(one, described.of)
-        if one is None or chosen is None:
+        chosen = None if sample_set is None else described.samples(sample_set, described.of)
+        if sample_set is None or chosen is None:
             return None
         statistic, values = chosen
-        told = np.isfinite(values).any(0)  # not of samples of which nothing was measured, or no parameter is known
-        if not told.any():
+        usable = np.isfinite(values).any(0)  # not of samples of which nothing was measured, or no parameter is known
+        if not usable.any():
             return None
-        values, units = values[:, told], one.units[told]
+        values, units = values[:, usable], sample_set.units[usable]
         finite = np.isfinite(values).all(1)
         if not finite.any():
             return None
@@ -109,15 +116,17 @@ class Samples:
 def _sets(forecasts: Forecasts) -> dict[str, _Set]:
     """A file's sets whose samples' errors are kept."""
     sets = {}
-    for name, one in forecasts.sets.items():
-        if one.errors is None:
+    for name, set_forecasts in forecasts.sets.items():
+        if set_forecasts.errors is None:
             continue
         relative = None
-        if one.z_e_hat is not None and one.z_e is not None:
+        if set_forecasts.z_e_hat is not None and set_forecasts.z_e is not None:
             with np.errstate(divide="ignore", invalid="ignore"):
-                relative = 100 * np.abs((one.z_e_hat - one.z_e) / one.z_e)
-        units = units_of(one.sample_id, one.errors.shape[1])
-        sets[name] = _Set(one.errors, relative, forecasts.parameter_names, units, one.sample_id is not None)
+                relative = 100 * np.abs((set_forecasts.z_e_hat - set_forecasts.z_e) / set_forecasts.z_e)
+        units = units_of(set_forecasts.sample_id, set_forecasts.errors.shape[1])
+        sets[name] = _Set(
+            set_forecasts.errors, relative, forecasts.parameter_names, units, set_forecasts.sample_id is not None
+        )
     return sets
 
 
@@ -129,18 +138,18 @@ def _joined(parts: Sequence[Forecasts]) -> dict[str, _Set]:
             path = part.path or Path("forecasts")
             raise InputError(path, f"other samples than {parts[0].path}", "make both again with evaluate")
     joined = {}
-    for name, one in first.items():
-        each = [one, *(sets[name] for sets in others)]
+    for name, sample_set in first.items():
+        each = [sample_set, *(sets[name] for sets in others)]
         relative = [s.relative for s in each if s.relative is not None]
         joined[name] = _Set(
             np.concatenate([s.errors for s in each]),
-            np.concatenate(relative) if one.relative is not None else None,
-            one.parameters,
-            one.units,
-            one.by_recording,
+            np.concatenate(relative) if sample_set.relative is not None else None,
+            sample_set.parameters,
+            sample_set.units,
+            sample_set.by_recording,
         )
     return joined
 
 
 def _sizes(sets: dict[str, _Set]) -> dict[str, int]:
-    return {name: one.errors.shape[1] for name, one in sets.items()}
+    return {name: sample_set.errors.shape[1] for name, sample_set in sets.items()}

@@ -116,34 +116,34 @@ def score(
             u = torch.from_numpy(truth.u[first : first + size]).to(device).movedim(1, 0).unsqueeze(1)
         whole = Windows(t, y, u, None if of is None else of[first : first + size])
         whole = (whole if u is None else whole.contiguous()).expand(seeds)  # rounding depends on how they lie
-        found = forecast(stored.model, whole.observed(observed), solver, start, limit)
-        late.append(squared_errors(system, found.states[begin:], y[begin:]).cpu())
-        early.append(window_residual(system, found.states, y[:observed]).cpu())
-        expected.add(found, whole, limit)
+        forecasts = forecast(stored.model, whole.observed(observed), solver, start, limit)
+        late.append(squared_errors(system, forecasts.states[begin:], y[begin:]).cpu())
+        early.append(window_residual(system, forecasts.states, y[:observed]).cpu())
+        expected.add(forecasts, whole, limit)
         if begin < observed:
-            after.append(squared_errors(system, found.states[observed:], y[observed:]).cpu())
+            after.append(squared_errors(system, forecasts.states[observed:], y[observed:]).cpu())
         here = index[(index >= first) & (index < first + size)] - first
-        kept.append(found.states[:, :, here].cpu())
-        runaways.append(found.runaways.cpu())
-        estimate_s += found.estimate_s
-        beyond = outside_support(system, stored.card, found.found)
+        kept.append(forecasts.states[:, :, here].cpu())
+        runaways.append(forecasts.runaways.cpu())
+        estimate_s += forecasts.estimate_s
+        beyond = outside_support(system, stored.card, forecasts.found)
         outside += [] if beyond is None else [beyond]
-        doubts = doubts_of(system, stored.card, found.found)
+        doubts = doubts_of(system, stored.card, forecasts.found)
         doubtful += [] if doubts is None else [doubts.any]
-        if found.found.z_e is not None and stored.model.knows_z_e:
-            estimates.append(found.found.z_e.cpu())
-            stated.append(found.found.stated(of_truth))
-            of_each = z_e_draws(found.found)
+        if forecasts.found.z_e is not None and stored.model.knows_z_e:
+            estimates.append(forecasts.found.z_e.cpu())
+            stated.append(forecasts.found.stated(of_truth))
+            of_each = z_e_draws(forecasts.found)
             drawn += [] if of_each is None else [of_each.cpu()]
-        probe.add(found, whole, truth.z_e[first : first + size], limit, first)
-        if drawing.count and found.found.z_e is not None:
+        probe.add(forecasts, whole, truth.z_e[first : first + size], limit, first)
+        if drawing.count and forecasts.found.z_e is not None:
             places = chosen[(chosen >= first) & (chosen < first + size)] - first
             for wanted, made, at in ((drawing.scores, scores, places), (drawing.band, bands, here)):
                 some = torch.from_numpy(at).to(device)
                 bounds = limit if limit is None or limit.dim() == 1 else limit[some]
-                part = found.found.part(some), whole.samples(some)
-                one = wanted(stored.model, *part, bounds, random) if len(at) else None
-                made += [] if one is None else [one]
+                part = forecasts.found.part(some), whole.samples(some)
+                result = wanted(stored.model, *part, bounds, random) if len(at) else None
+                made += [] if result is None else [result]
     errors = torch.cat(late, dim=1)
     misfit = torch.cat(early, dim=1)
     z_e = torch.cat(estimates, dim=1) if estimates else None
@@ -154,7 +154,7 @@ def score(
         misfit,
         torch.cat(after, dim=1) if after else None,
         torch.cat(runaways, dim=1),
-        None if found.found.z_e is None else 1000 * estimate_s / (seeds * len(truth)),
+        None if forecasts.found.z_e is None else 1000 * estimate_s / (seeds * len(truth)),
         z_e,
         torch.from_numpy(truth.z_e).unsqueeze(0),
         None if of_draws is None else of_draws.averages(),
@@ -176,11 +176,11 @@ def score(
         torch.cat(drawn, dim=1) if drawn else None,
         of_draws,
         torch.cat(bands, dim=3).movedim(1, 3).cpu() if bands and len(system.state_shape) == 1 else None,
-        *(_together([one[k] for one in stated]) for k in range(2)),
+        *(_together([pair[k] for pair in stated]) for k in range(2)),
     )
 
 
 def _together(parts: Sequence[Tensor | None]) -> Tensor | None:
     """Parts (S, B, K) of a set as one; None where there are none."""
-    known = [one.cpu() for one in parts if one is not None]
-    return torch.cat(known, dim=1) if known and len(known) == len(parts) else None
+    tensors = [part.cpu() for part in parts if part is not None]
+    return torch.cat(tensors, dim=1) if tensors and len(tensors) == len(parts) else None

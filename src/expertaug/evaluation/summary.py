@@ -90,14 +90,14 @@ class TabledMean(Mean):
     @property
     def as_good(self) -> bool:
         """Whether this is the best that may be chosen, or within one standard error of it, where that is known."""
-        known = self.behind_error is not None and np.isfinite(self.behind_error)
-        return self.behind is not None and self.behind <= (self.behind_error if known else 0.0)
+        has_error = self.behind_error is not None and np.isfinite(self.behind_error)
+        return self.behind is not None and self.behind <= (self.behind_error if has_error else 0.0)
 
     def seeds_behind(self, by: float) -> int:
         """How many seeds are worse than the best by more than so much, or have no finite value; of a metric of which
         less is better."""
-        known = [value for value in self.values or () if np.isfinite(value)]
-        return len(self.values or ()) - sum(value <= min(known) + by for value in known)
+        finite = [value for value in self.values or () if np.isfinite(value)]
+        return len(self.values or ()) - sum(value <= min(finite) + by for value in finite)
 
     def cell(self, marked: bool = False) -> Cell:
         """As it is printed, with its interval."""
@@ -127,8 +127,8 @@ def spread_of(groups: Sequence[K], values: Sequence[float]) -> dict[K, Spread]:
 
 def mean_of(values: Iterable[float]) -> float:
     """Of those that are numbers; NaN where none is."""
-    known = [value for value in values if not np.isnan(value)]
-    return float(np.mean(known)) if known else np.nan
+    numbers = [value for value in values if not np.isnan(value)]
+    return float(np.mean(numbers)) if numbers else np.nan
 
 
 def read_metrics(paths: Sequence[str | Path], along: bool = False) -> list[MetricRow]:
@@ -220,8 +220,8 @@ def labels_of(rows: Iterable[MetricRow | Mean]) -> dict[str, str]:
 
 def order_sets(sets: Iterable[str]) -> list[str]:
     """Train, validation, IID test, test, then others in order of appearance."""
-    known = list(dict.fromkeys(sets))
-    return [name for name in SHOWN_SETS if name in known] + [name for name in known if name not in SHOWN_SETS]
+    unique = list(dict.fromkeys(sets))
+    return [name for name in SHOWN_SETS if name in unique] + [name for name in unique if name not in SHOWN_SETS]
 
 
 def in_domain(sets: Iterable[str]) -> str:
@@ -232,8 +232,8 @@ def in_domain(sets: Iterable[str]) -> str:
 
 def drawn_sets(sets: Iterable[str]) -> list[str]:
     """Sets that figures show, in order: validation only where there is no IID test set."""
-    known = order_sets(sets)
-    return [name for name in known if name != "validation" or in_domain(known) == name]
+    ordered = order_sets(sets)
+    return [name for name in ordered if name != "validation" or in_domain(ordered) == name]
 
 
 def shown_metrics(means: Iterable[Mean], convention: str) -> list[str]:

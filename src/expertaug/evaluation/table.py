@@ -231,13 +231,13 @@ class Study:
 
 def spans(titles: Iterable[str]) -> list[tuple[str, int]]:
     """Titles over columns, of neighbours with the same title one."""
-    found: list[tuple[str, int]] = []
+    merged: list[tuple[str, int]] = []
     for title in titles:
-        if found and found[-1][0] == title:
-            found[-1] = (title, found[-1][1] + 1)
+        if merged and merged[-1][0] == title:
+            merged[-1] = (title, merged[-1][1] + 1)
         else:
-            found.append((title, 1))
-    return found
+            merged.append((title, 1))
+    return merged
 
 
 def plain(value: object) -> str:

@@ -87,8 +87,8 @@ def tabulate(
     units, samples = _units(loaded), Samples(loaded)
     long = _with_choice(_with_gains(_prepare(read_metrics(metrics), job, samples), samples), job, samples)
     if not shown_metrics(long, job.convention):
-        known = ", ".join(_metrics(long))
-        raise InputError("metrics", "neither log-MSE nor parameter error is in the files", f"they hold {known}")
+        available = ", ".join(_metrics(long))
+        raise InputError("metrics", "neither log-MSE nor parameter error is in the files", f"they hold {available}")
     main = [mean for mean in long if mean.set in SHOWN_SETS]
     parts = grouped(main, lambda mean: mean.experiment)
     tables = [table for part in parts.values() for table in _tables(part, job, samples, units)]
@@ -102,8 +102,8 @@ def _tables(part: Sequence[TabledMean], job: TabulateJob, samples: Samples, unit
     label, title, caption = name.replace("_", "-"), job.of_experiment(name), f"{_caption(part, job, samples)} {BEST}"
     tables = [main_table(part, job, best, title, caption, label)]
     gained = gains_table(part, job, lambda gain: gain.told_apart, True, f"{title}, gains", f"{label}-gains")
-    known = [m.name for m in map(metric_of, _metrics(part)) if m.shown in (Shown.WHERE_ANY, Shown.LAST)]
-    more = further_table(part, job, (*tabled_metrics(part, job.convention), *known), units)
+    other_metrics = [m.name for m in map(metric_of, _metrics(part)) if m.shown in (Shown.WHERE_ANY, Shown.LAST)]
+    more = further_table(part, job, (*tabled_metrics(part, job.convention), *other_metrics), units)
     others = (choice_table(part, job), gained, seeds_table(part, job), more)
     return [*tables, *(table for table in others if table and table.size)]
 
@@ -229,8 +229,8 @@ def _with_choice(long: Sequence[TabledMean], job: TabulateJob, samples: Samples)
     ]  # fmt: skip
     for part in grouped(able, lambda mean: (mean.experiment, mean.preset)).values():
         best = min(part, key=attrgetter("mean"))
-        found = {id(mean): samples.behind(mean.version, best.version, VALIDATION, metric) for mean in part}
-        behind |= {key: one for key, one in found.items() if one is not None}
+        differences = {id(mean): samples.behind(mean.version, best.version, VALIDATION, metric) for mean in part}
+        behind |= {key: difference for key, difference in differences.items() if difference is not None}
     return [
         replace(mean, behind=behind[id(mean)][0], behind_error=behind[id(mean)][1]) if id(mean) in behind else mean
         for mean in long
@@ -238,10 +238,10 @@ def _with_choice(long: Sequence[TabledMean], job: TabulateJob, samples: Samples)
 
 
 def _worst(mean: TabledMean | None) -> str:
-    known = [] if mean is None else [value for value in mean.values or () if math.isfinite(value)]
+    finite = [] if mean is None else [value for value in mean.values or () if math.isfinite(value)]
     if mean is None or not mean.values:
         return DASH
-    worst = f"{max(known):.2f}".replace("-", "−") if len(known) == len(mean.values) else "not finite"
+    worst = f"{max(finite):.2f}".replace("-", "−") if len(finite) == len(mean.values) else "not finite"
     return f"{worst} ({mean.seeds_behind(BEHIND)})"
 
 

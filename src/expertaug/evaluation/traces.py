@@ -271,7 +271,7 @@ def curves(
         InputError: a log is broken or holds none of the metrics.
     """
     labels: dict[str, str] = {}
-    found: dict[str, dict[str, list[Log]]] = {}
+    experiments: dict[str, dict[str, list[Log]]] = {}
     # The scores of flows are densities.
     read = [log for log in map(read_log, logs) if not Version.parse(log.header.method).is_flow]
     if not read:
@@ -281,36 +281,38 @@ def curves(
     shown = trained & set(traced or trained) or trained
     for log in (log for log in read if log.header.method in shown):
         labels[log.header.method] = log.header.label
-        found.setdefault(log.header.experiment, {}).setdefault(log.header.method, []).append(log)
-    known = {
+        experiments.setdefault(log.header.experiment, {}).setdefault(log.header.method, []).append(log)
+    logged = {
         key
-        for group in found.values()
+        for group in experiments.values()
         for logs in group.values()
         for log in logs
         for s in log.steps
         for key in s.metrics
     }
-    metrics = {key: title for key, title in METRICS.items() if key in known}
+    metrics = {key: title for key, title in METRICS.items() if key in logged}
     if not metrics:
         raise InputError("logs", "none of them has the metrics", f"trainings log {', '.join(METRICS)}")
     methods = ordered(labels, dict(reading.hues))
     colours = plotting.colours(methods, dict(reading.hues))
     with plotting.styled():
-        figure = plotting.new_figure(0.6 + 2.1 * len(found), plotting.WIDTH)
-        grid = figure.subplots(len(found), len(metrics), squeeze=False)
-        for row, (experiment, group) in enumerate(found.items()):
+        figure = plotting.new_figure(0.6 + 2.1 * len(experiments), plotting.WIDTH)
+        grid = figure.subplots(len(experiments), len(metrics), squeeze=False)
+        for row, (experiment, group) in enumerate(experiments.items()):
             for axis, (metric, title) in zip(grid[row], metrics.items(), strict=True):
                 for method in methods:
                     if method in group:
                         _curve(axis, group[method], metric, _look(method, colours))
                 _scale(axis)
-                axis.set(title=reading.of_experiment(experiment) if len(found) > 1 else "", xlabel="step", ylabel=title)
+                axis.set(
+                    title=reading.of_experiment(experiment) if len(experiments) > 1 else "", xlabel="step", ylabel=title
+                )
                 axis.grid(axis="y")
         handles = _handles(methods, labels, colours)
         handles.append(Patch(facecolor="0.85", label="range over seeds (line: mean)"))
         plotting.legend(figure, handles)
-        if len(found) == 1:
-            plotting.heading(figure, plotting.text(reading.of_experiment(next(iter(found)))))
+        if len(experiments) == 1:
+            plotting.heading(figure, plotting.text(reading.of_experiment(next(iter(experiments)))))
         plotting.save(figure, outputs)
 
 
@@ -373,13 +375,15 @@ def _parameters_of(data: Forecasts, name: str, sample: int) -> list[str]:
 
 
 def _check_same(paths: Mapping[str, str | Path], found: Mapping[str, Forecasts], name: str) -> None:
-    one, first = next(iter(found.items()))
+    first_method, first = next(iter(found.items()))
     for method, data in found.items():
         if name not in data.kept:
             raise InputError(paths[method], f"no set {name!r}", f"it has {', '.join(data.kept)}")
         kept, other = data.kept[name], first.kept[name]
         if kept.truth.shape != other.truth.shape or not np.array_equal(kept.index, other.index):
-            raise InputError(paths[method], f"other samples than {paths[one]}", "evaluate both on the same data")
+            raise InputError(
+                paths[method], f"other samples than {paths[first_method]}", "evaluate both on the same data"
+            )
 
 
 def _seed_position(path: object, data: Forecasts, seed: int) -> int:

@@ -81,7 +81,7 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: V
     if "iid" in sets:
         sets.pop("validation", None)
     whole = {name: Trajectories.load(path) for name, path in sets.items()}
-    known = {name: one.spread(job.validity.samples) for name, one in whole.items()}
+    samples = {name: trajectories.spread(job.validity.samples) for name, trajectories in whole.items()}
     rows, says = [], []
     of_versions: dict[str, OfVersion] = {}
     for path, (version, label, fitting) in zip(models, job.versions, strict=True):
@@ -89,15 +89,15 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: V
         how = stored.card.refinement or fitting  # of kind alternating, the file says it
         if how is None:
             raise InputError(path, "nothing says how its windows are fitted", "give settings, noise and prior")
-        fits = {name: _refit(stored, one, how, job.validity) for name, one in known.items()}
+        fits = {name: _refit(stored, trajectories, how, job.validity) for name, trajectories in samples.items()}
         parameters = stored.model.system.expert_parameters
         each = {p.name: _along(p.name, k, fits) for k, p in enumerate(parameters)}
         first = parameters[0]
         of_versions[version] = OfVersion(label, fits, each[first.name], first.name, first.unit)
-        says += [f"{label}: {one.says}." for one in each.values()]
-        for name, one in fits.items():
+        says += [f"{label}: {verdict.says}." for verdict in each.values()]
+        for name, fit in fits.items():
             limit = of_versions[version].first.limit
-            rows.append({"method": version, "label": label, "set": name, **_numbers(one, limit)})
+            rows.append({"method": version, "label": label, "set": name, **_numbers(fit, limit)})
     if not rows:
         raise InputError("models", "none", "give a model file with an interaction model")
     long = pd.DataFrame(rows)
@@ -127,10 +127,10 @@ def _true_range(train: Trajectories) -> tuple[float, float] | None:
 
 def _along(name: str, k: int, fits: Mapping[str, Refit]) -> Validity:
     """Of all windows but the training's, by their estimates; those of all seeds count."""
-    others = [one for key, one in fits.items() if key != "train"]
-    z_e, chi2 = (torch.cat(parts).numpy() for parts in zip(*(_flat(one, k) for one in others), strict=True))
-    known = [part.numpy() for part in _flat(fits["train"], k)]
-    return along(name, z_e, chi2, *known)
+    others = [fit for key, fit in fits.items() if key != "train"]
+    z_e, chi2 = (torch.cat(parts).numpy() for parts in zip(*(_flat(fit, k) for fit in others), strict=True))
+    of_training = [part.numpy() for part in _flat(fits["train"], k)]
+    return along(name, z_e, chi2, *of_training)
 
 
 def _flat(one: Refit, k: int) -> tuple[Tensor, Tensor]:
@@ -196,16 +196,16 @@ def _draw(
 
 def _binned(fits: Mapping[str, Refit], edges: np.ndarray) -> np.ndarray:
     """‖ΔF_a‖/‖F_a‖ of the windows of each bin of the first parameter; NaN of an empty one."""
-    others = [one for key, one in fits.items() if key != "train"]
-    z_e = torch.cat([one.z_e[..., 0].flatten() for one in others]).numpy()
+    others = [fit for key, fit in fits.items() if key != "train"]
+    z_e = torch.cat([fit.z_e[..., 0].flatten() for fit in others]).numpy()
     squares, changes = (
         torch.cat([getattr(o, key).flatten() for o in others]).numpy() for key in ("squares", "changes")
     )
     place = np.clip(np.searchsorted(edges, z_e, side="right") - 1, 0, len(edges) - 2)
-    found = np.full(len(edges) - 1, np.nan)
+    ratios = np.full(len(edges) - 1, np.nan)
     for k in np.unique(place):
-        found[k] = np.sqrt(changes[place == k].sum() / max(squares[place == k].sum(), 1e-300))
-    return found
+        ratios[k] = np.sqrt(changes[place == k].sum() / max(squares[place == k].sum(), 1e-300))
+    return ratios
 
 
 def _text(value: float) -> str:

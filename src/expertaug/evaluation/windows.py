@@ -99,7 +99,11 @@ def read_windows(paths: Sequence[str | Path]) -> dict[str, VersionWindows]:
 
 def _of_trained_seeds(forecasts: Forecasts) -> VersionWindows:
     good, count = forecasts.places, forecasts.rank_draws or 0
-    sets = {name: _windows(one, good, count) for name, one in forecasts.sets.items() if one.misfit is not None}
+    sets = {
+        name: _windows(set_forecasts, good, count)
+        for name, set_forecasts in forecasts.sets.items()
+        if set_forecasts.misfit is not None
+    }
     return VersionWindows(
         forecasts.identified().experiment,
         [forecasts.seeds[place] for place in good],
@@ -148,10 +152,10 @@ def _joined(parts: Sequence[VersionWindows]) -> VersionWindows:
     if len(parts) == 1:
         return first
     sets = {}
-    for name, one in first.sets.items():
+    for name, window_set in first.sets.items():
         each = [part.sets[name] for part in parts]
         sets[name] = replace(
-            one,
+            window_set,
             errors=np.concatenate([s.errors for s in each]),
             misfit=np.concatenate([s.misfit for s in each]),
             z_e_hat=_together([s.z_e_hat for s in each]),

@@ -123,11 +123,11 @@ def adapt_prior(
         explained = max(share, explained)
         if done:
             break
-    found = {}
+    prior = {}
     for p in parameters:
         new, old = ranges[p.name] if explained else training[p.name], training[p.name]
-        found[p.name] = _with_margin(p, new) if _beyond(new, old) > NEAR else old
-    return AdaptivePrior(found, training, explained, limit, rounds)
+        prior[p.name] = _with_margin(p, new) if _beyond(new, old) > NEAR else old
+    return AdaptivePrior(prior, training, explained, limit, rounds)
 
 
 def widen_prior(
@@ -174,16 +174,16 @@ def widen_prior(
 
 def with_more_starts(settings: RefinementSettings) -> RefinementSettings:
     """Settings of fits that start in a :func:`typical_ranges`: more starts."""
-    given = settings.starts if "starts" in settings.model_fields_set else 0
-    return settings.model_copy(update={"starts": max(given, STARTS)})
+    starts = settings.starts if "starts" in settings.model_fields_set else 0
+    return settings.model_copy(update={"starts": max(starts, STARTS)})
 
 
 def typical_ranges(system: System) -> dict[str, Range]:
     """Where fits start when nothing is known of z_e but its typical size: a decade to both sides."""
-    found = {}
+    ranges = {}
     for p in system.expert_parameters:
-        found[p.name] = (p.scale / DECADE, p.scale * DECADE) if p.positive else (-DECADE * p.scale, DECADE * p.scale)
-    return found
+        ranges[p.name] = (p.scale / DECADE, p.scale * DECADE) if p.positive else (-DECADE * p.scale, DECADE * p.scale)
+    return ranges
 
 
 def _of_training(
@@ -204,9 +204,9 @@ def _of_training(
 
 def _estimated(estimator: LeastSquares, windows: Windows) -> tuple[Tensor, Tensor]:
     """z_e (S·N, P) and χ² (S·N,) of windows, y (T1, S, N, *state)."""
-    found = estimator.estimate(windows)
-    assert found.z_e is not None and found.chi2 is not None
-    return found.z_e.flatten(0, 1).double(), found.chi2.flatten().double()
+    estimates = estimator.estimate(windows)
+    assert estimates.z_e is not None and estimates.chi2 is not None
+    return estimates.z_e.flatten(0, 1).double(), estimates.chi2.flatten().double()
 
 
 def _hull(parameters: Sequence[Parameter], z_e: Tensor) -> dict[str, Range]:
@@ -263,18 +263,23 @@ def find_prior(
         assert model is not None, "a job of the expert alone says what it is"
         stored = load(model, device_of(settings.device), settings.classes or ())
         first = typical_ranges(stored.model.system)  # beside the model's own estimates, which may be wrong
-    noise, known = settings.noise, _trajectories(train)
+    noise, training_windows = settings.noise, _trajectories(train)
     how = settings.refinement if model is not None else with_more_starts(settings.refinement)
     if settings.windows:
         observed = stored.card.observed
         sets = [_trajectories(Trajectories.load(Path(data) / f"{name}.npz")) for name in settings.windows]
-        found = adapt_prior(
-            stored, known.until(observed), Windows.cat([part.until(observed) for part in sets]), noise, first, how
+        prior = adapt_prior(
+            stored,
+            training_windows.until(observed),
+            Windows.cat([part.until(observed) for part in sets]),
+            noise,
+            first,
+            how,
         )
     else:
-        found = widen_prior(stored, known, noise, settings.budget, first, how)
-    write_text(Path(output), json.dumps({**asdict(found), "says": found.says}, indent=2) + "\n")
-    return found
+        prior = widen_prior(stored, training_windows, noise, settings.budget, first, how)
+    write_text(Path(output), json.dumps({**asdict(prior), "says": prior.says}, indent=2) + "\n")
+    return prior
 
 
 def _trajectories(data: Trajectories) -> Windows:

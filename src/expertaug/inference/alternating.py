@@ -193,8 +193,8 @@ class Alternation:
             group["lr"] = rate
         self.optimiser.step()
         self.step_ += 1
-        found = {"loss": fitted, "size": size.sqrt(), "expert_share": share.sqrt()}
-        return {name: value.detach() for name, value in found.items()}
+        parts = {"loss": fitted, "size": size.sqrt(), "expert_share": share.sqrt()}
+        return {name: value.detach() for name, value in parts.items()}
 
     def _robust(self, data: Tensor) -> Tensor:
         """Squares of what is small beside the threshold; of what is large (Cauchy's loss) the logarithm."""
@@ -218,9 +218,9 @@ class Alternation:
         """Validation score (S,): log mean squared error of the forecasts after the observed window."""
         observed = self.task.observed
         self.found = self.validation_fit(self.validation[:observed], self.found)
-        system, given = self.fit.system, self._given(self.found)
+        system, estimates = self.fit.system, self._given(self.found)
         u = inputs_of(system, self.validation)
-        states = forecast_or_fallback(self.model, *given, self.task.t, self.task.solver, u)  # type: ignore[arg-type]
+        states = forecast_or_fallback(self.model, *estimates, self.task.t, self.task.solver, u)  # type: ignore[arg-type]
         late = clamp_to_bound(states, self.task.bound)[observed:]
         error = mean_squared_error(system, late, states_of(system, self.validation[observed:]))
         return error.log().nan_to_num(math.inf, math.inf).float()
@@ -237,14 +237,14 @@ class Alternation:
         index = self.misfit.nan_to_num(math.inf, math.inf).topk(count, dim=1).indices
         windows, x = self._windows(index), self._of(self.x, index)
         z_e, z_a, y0 = self.fit.parts(x, self.fit.first(windows))
-        found = self.fit(windows, Estimates(y0, z_e, z_a))
+        estimates = self.fit(windows, Estimates(y0, z_e, z_a))
         rows = torch.arange(len(self.seeds)).unsqueeze(1)
-        self.x[rows, index] = self.fit.coordinates(found, self.fit.first(windows))
+        self.x[rows, index] = self.fit.coordinates(estimates, self.fit.first(windows))
         self.damping[rows, index] = DAMPING
 
     def run(self, progress: Progress) -> None:
         """Train to the end; the best state is then in ``best``."""
-        settings, told = self.settings, 0.0
+        settings, reported = self.settings, 0.0
         saved = time.monotonic()
         if self.step_ == 0:
             begun = time.monotonic()
@@ -264,8 +264,8 @@ class Alternation:
             if validated:
                 progress.metrics(self.step_, record)
                 progress.flush()
-            if time.monotonic() - told > PROGRESS_S:
-                told = time.monotonic()
+            if time.monotonic() - reported > PROGRESS_S:
+                reported = time.monotonic()
                 self._progress(parts)
             if time.monotonic() - saved > settings.checkpoint_s and self.step_ < settings.steps:
                 progress.save(self.state())
@@ -316,11 +316,11 @@ class Alternation:
     def state(self) -> State:
         """Everything that a resumed run needs to reach the same bits; data orders follow from seed and step."""
         names = ("x", "damping", "misfit", "rates", *_RECORD)
-        found = None if self.found is None else self._given(self.found)
+        estimates = None if self.found is None else self._given(self.found)
         return {name: getattr(self, name) for name in names} | {
             "model": self.model.state_dict(),
             "optimiser": self.optimiser.state_dict(),
-            "found": found,
+            "found": estimates,
             "held": None if self.held is None else self.held.values,
         }
 
@@ -444,8 +444,8 @@ class AlternatingTraining:
         used = replace(stored, model=estimator)
         record["misfit"] = record_misfits(used, self.checked)
         # As windows will be fitted, with F_a as it is now: what training had at hand lags behind it.
-        found = estimator.estimate(self.seen.expand(len(trainer.seeds)))
-        record["support"] = support_of(found.z_e, found.z_a)
+        estimates = estimator.estimate(self.seen.expand(len(trainer.seeds)))
+        record["support"] = support_of(estimates.z_e, estimates.z_a)
         return replace(stored, card=self.card.but(**record))
 
     def _with_constants(self, stored: store.StoredModel) -> Refinement:
@@ -504,12 +504,12 @@ def prepare(
     if ranges is not None:
         seen_y = fill(seen_y, torch.tensor(card.t[: len(seen_y)]), ends_of(ranges)[0].to(seen_y))
     decoder.fit(seen_y)
-    given = {"steps": STEPS, "latent_width": WIDTH}
+    overrides = {"steps": STEPS, "latent_width": WIDTH}
     refinement, prior = options.refinement.settings, given_ranges(options.refinement.prior)
     shared = [p for p in system.expert_parameters if p.name in refinement.shared]
     held_at = {p.name: Constant(value=p.scale, std=0.0) for p in shared}  # until they are fitted
     noise = noise_of(options.refinement.noise, system, card)
-    whole = RefinementSettings.from_mapping({"starts": refinement.starts, "tries": refinement.tries, **given})
+    whole = RefinementSettings.from_mapping({"starts": refinement.starts, "tries": refinement.tries, **overrides})
     free = refinement.free_start if "free_start" in refinement.model_fields_set else is_some(noise)
     t = torch.tensor(card.t, dtype=torch.float64)
     assumed = assumed_noise(refinement, noise, card.bound)
@@ -525,7 +525,7 @@ def prepare(
     fits = (
         fit(decoder, used, whole, len(seeds), held_at),
         fit(Decoder(system), used, whole, 1, held_at),
-        fit(decoder, seen, refinement.model_copy(update=given), len(seeds), held_at),
+        fit(decoder, seen, refinement.model_copy(update=overrides), len(seeds), held_at),
     )
     name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
     sets = train_set.windows(task.horizon).joined, validation_set.windows(len(t)).joined
@@ -540,5 +540,5 @@ def prepare(
 
         held = HeldConstants.of(system, problem, first, train_set.y[: task.horizon, :1], len(seeds))
     trainer = Alternation(*fits, *sets, task, seeds, training, name, held)
-    known = train_set.subset(SUPPORTING).windows(len(seen)), validation_set.windows(len(seen))
-    return AlternatingTraining(trainer, card, options.refinement, *known, sharing, classes or {})
+    observed_windows = train_set.subset(SUPPORTING).windows(len(seen)), validation_set.windows(len(seen))
+    return AlternatingTraining(trainer, card, options.refinement, *observed_windows, sharing, classes or {})

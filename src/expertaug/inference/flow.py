@@ -129,8 +129,8 @@ class Density(nn.Module):
         """(S, B) at θ (S, B, D), for contexts x (S, B, inputs)."""
         summary, loc, log_std = self._summary(x)
         bent = (theta - loc) * torch.exp(-log_std)
-        (found,) = self.splines.each("log_prob", [bent, summary], [0, 0], lambda value: (value,))
-        return found - log_std.sum(-1)
+        (log_density,) = self.splines.each("log_prob", [bent, summary], [0, 0], lambda value: (value,))
+        return log_density - log_std.sum(-1)
 
     def sample(self, x: Tensor, normal: Tensor) -> Tensor:
         """θ (K, S, B, D) from standard normal numbers of the same shape, for contexts x (S, B, inputs)."""
@@ -243,7 +243,7 @@ class FlowEstimator(Predictor, nn.Module):
             x = self.head.context(observed[:, :, part])
             theta = self.head.density.sample(x, normal[:, :, part])
             parts.append(transform.unpack(theta, windows.y[0, :, part]))
-        z_e, z_a, y0 = (torch.cat(found, dim=2) for found in zip(*parts, strict=True))
+        z_e, z_a, y0 = (torch.cat(chunks, dim=2) for chunks in zip(*parts, strict=True))
         return z_e, z_a, y0
 
     def joint_draws(

@@ -91,13 +91,13 @@ def prepare(
     if not stored.kind.trains():
         raise InputError(where, f"a {base.kind} model", "a flow learns from a trained hybrid model")
     if base.refinement is not None and base.refinement.settings.shares:
-        found = f"a {base.kind} model, whose windows share parameters"
-        raise InputError(where, found, "a flow draws every parameter anew: give a model without shared ones")
+        problem = f"a {base.kind} model, whose windows share parameters"
+        raise InputError(where, problem, "a flow draws every parameter anew: give a model without shared ones")
     options, choices, seeds = settings.flow, settings.choices, stored.seeds
     kind = type(stored.model.system)
     if options.resample_x and kind.resample_known is System.resample_known:
-        found = f"{kind.__name__} does not say where first points may lie"
-        raise InputError("flow.resample_x", found, "leave it out, or give the system a resample_known of its own")
+        problem = f"{kind.__name__} does not say where first points may lie"
+        raise InputError("flow.resample_x", problem, "leave it out, or give the system a resample_known of its own")
     windows, system = StackedSet.of(train, device).windows(base.observed), stored.model.system
     noise = noise_of(settings.noise, system, base) if choices.augmentation_noise == "as_data" else 0.0
     card = base.but(
@@ -147,8 +147,10 @@ def prepare(
 def _task(base: ModelCard, options: FlowSettings, device: torch.device, system: System) -> Task:
     """Of the draws: the observed window, by an accurate solver that follows no trajectory beyond the bound."""
     task = task_of(base.training, base, device).shortened(base.observed)
-    given = options.solver or base.forecast_solver
-    solver = forecast_solver(base.training.solver, system) if given is None else Solver(**dict(given))
+    solver_settings = options.solver or base.forecast_solver
+    solver = (
+        forecast_solver(base.training.solver, system) if solver_settings is None else Solver(**dict(solver_settings))
+    )
     return replace(task, solver=solver if task.bound is None else BoundedSolver(solver, task.bound))  # type: ignore
 
 

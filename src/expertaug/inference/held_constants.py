@@ -63,7 +63,7 @@ class HeldConstants:
         names, settings = [p.name for p in system.expert_parameters], first.settings
         shared = first.shared or {}
         sensors = SensorCoordinates.of(system, settings.of_sensors, windows.double())
-        expert = LogCoordinates.of(system, {name: one.value for name, one in shared.items()})
+        expert = LogCoordinates.of(system, {name: constant.value for name, constant in shared.items()})
         parameters = [names.index(name) for name in settings.shared]
         values = torch.cat((expert.shared[parameters], sensors.coordinates(first.sensors or {})))
         return cls(problem, parameters, sensors, values.repeat(seeds, 1))
@@ -85,7 +85,7 @@ class HeldConstants:
             windows: (T1, 1, N, *observed), float64.
             x: the windows' own coordinates now, (S, N, K).
         """
-        seeds, found = len(self.values), []
+        seeds, coordinates = len(self.values), []
         for k in range(seeds):
             decoder = select(model, [k], seeds)
             decoder.sensors = None
@@ -97,8 +97,8 @@ class HeldConstants:
             whole[..., own], whole[..., places] = x[k], self.values[k]
             whole, *_ = minimise_together(sensed, windows, whole, places, TOLERANCE, STEPS)
             self.values[k] = whole[0, 0, places]
-            found.append(whole[0][:, own])
-        return torch.stack(found)
+            coordinates.append(whole[0][:, own])
+        return torch.stack(coordinates)
 
     def _sensors(self, coordinates: Tensor) -> Sensors | None:
         return self.sensors.sensors(coordinates.unsqueeze(1)) if self.sensors.sought else None

@@ -101,15 +101,15 @@ class Tied:
         """
         kept = [k for k in range(equations.slope.shape[1]) if k not in places]
         part, at = equations.of(kept), [kept.index(k) for k in self.places]
-        found = part.slope.new_zeros(len(part.cost), len(at))
+        variances = part.slope.new_zeros(len(part.cost), len(at))
         for k in range(self.count):
             windows = self.groups == k
             own = NormalEquations(part.cost[windows], part.curvature[windows], part.slope[windows])
             count = len(own.cost)
             blocks = np.arange(count) * BLOCKS // count if count >= FEWEST_GROUPS else np.zeros(count, dtype=int)
             least = overdispersion * clustered_variances(own, at, np.zeros(count, dtype=int))
-            found[windows] = torch.maximum(least, clustered_variances(own, at, blocks))
-        return found
+            variances[windows] = torch.maximum(least, clustered_variances(own, at, blocks))
+        return variances
 
     def constants(self, values: Tensor, errors: Tensor, names: Sequence[str]) -> dict[str, Constant]:
         """By trajectory, of values and errors (N,) of its windows."""
@@ -174,9 +174,9 @@ def minimise_each(
             whole[..., own] = candidates
             return fit.residuals(whole, some[:, :, columns])
 
-        found = held.clone()
-        found[..., own] = minimise(residuals, held[..., own], steps, fit.longest[own]).x
-        parts.append(found)
+        minimum = held.clone()
+        minimum[..., own] = minimise(residuals, held[..., own], steps, fit.longest[own]).x
+        parts.append(minimum)
     return torch.cat(parts, dim=1)
 
 

@@ -66,9 +66,9 @@ class WindowFit(WindowProblem):
             self._fit(here[:, :, k : k + size].double(), None if first is None else first.part(slice(k, k + size)))
             for k in range(0, windows.shape[2], size)
         ]
-        found = Estimates.joined(parts)
-        self._check_steps(found, here)
-        return found.to(windows)
+        estimates = Estimates.joined(parts)
+        self._check_steps(estimates, here)
+        return estimates.to(windows)
 
     def _check_steps(self, found: Estimates, windows: Tensor) -> None:
         """Warn, once, where steps half as long move what noisy windows are compared with so far that the estimates of a
@@ -94,8 +94,8 @@ class WindowFit(WindowProblem):
     def _fit(self, windows: Tensor, first: Estimates | None) -> Estimates:
         starts = None if first is not None else self.best_of_grid(windows)
         x = self.coordinates(first, self.first(windows)) if starts is None else starts[:, :, 0]
-        found = self._minimum(x, windows)
-        wanting = ~self._sufficient(found, windows)
+        best = self._minimum(x, windows)
+        wanting = ~self._sufficient(best, windows)
         seeds = torch.arange(len(wanting)).unsqueeze(-1)
         for k in range(0 if first is not None else 1, self.tries):
             if not wanting.any():
@@ -104,19 +104,19 @@ class WindowFit(WindowProblem):
             place = wanting.int().argsort(dim=1, descending=True, stable=True)[:, : int(wanting.sum(1).max())]
             part = windows[:, seeds, place]
             if starts is None:
-                starts = found.x.new_zeros(*wanting.shape, self.tries, found.x.shape[-1])
+                starts = best.x.new_zeros(*wanting.shape, self.tries, best.x.shape[-1])
                 starts[seeds, place] = self.best_of_grid(part)
             further = self._minimum(starts[seeds, place, k], part)
-            before = found.cost[seeds, place]
+            before = best.cost[seeds, place]
             better = wanting[seeds, place] & (further.cost < before)
-            for value, other in zip(vars(found).values(), vars(further).values(), strict=True):
+            for value, other in zip(vars(best).values(), vars(further).values(), strict=True):
                 chosen = better.view(*better.shape, *[1] * (value.dim() - 2))
                 value[seeds, place] = torch.where(chosen, other, value[seeds, place])
             again = (further.cost - before).abs() <= self.settings.agreement * torch.minimum(before, further.cost)
             wanting[seeds, place] &= ~(again | self._sufficient(further, part))
         return replace(
-            self._estimates(found.x, found.cost, found.curvature, windows),
-            stuck=~found.moved & ~self._sufficient(found, windows),
+            self._estimates(best.x, best.cost, best.curvature, windows),
+            stuck=~best.moved & ~self._sufficient(best, windows),
         )
 
     @property
@@ -161,8 +161,8 @@ class WindowFit(WindowProblem):
         squares, axes = torch.linalg.eigh(0.5 * (covariance + covariance.mT))
         root = axes * squares.clamp(0.0, WIDEST**2).sqrt().unsqueeze(-2)
         parameters = self.system.expert_parameters
-        known = torch.tensor([self.shared[n.name].std if n.name in self.shared else 0.0 for n in parameters]).to(std)
-        of_z_e = known.expand(*std.shape[:-1], -1).index_copy(
+        held_std = torch.tensor([self.shared[n.name].std if n.name in self.shared else 0.0 for n in parameters]).to(std)
+        of_z_e = held_std.expand(*std.shape[:-1], -1).index_copy(
             -1, self.expert.own, std[..., :p] * self.expert.slope(x[..., :p])
         )
         raw = unconstrain(z_e, parameters)
@@ -302,15 +302,15 @@ def estimator_of(
     if sensors:
         decoder = decoder.seen_by(Sensors.of(decoder.system, sensors))
         starts = None if starts is None or decoder.sensors is None else decoder.sensors.state_ranges(starts)
-    given = options.model_fields_set
-    solver = options.solver if "solver" in given else card.training.solver
-    known = noise_of(noise, decoder.system, card)
-    free = options.free_start if "free_start" in given else is_some(known)
+    fields_set = options.model_fields_set
+    solver = options.solver if "solver" in fields_set else card.training.solver
+    noise_std = noise_of(noise, decoder.system, card)
+    free = options.free_start if "free_start" in fields_set else is_some(noise_std)
     fit = WindowFit(
         decoder,
         torch.tensor(card.t[: card.observed], dtype=torch.float64),
         options,
-        assumed_noise(options, known, card.bound),
+        assumed_noise(options, noise_std, card.bound),
         bool(free),
         prior,
         LatentCoordinates.of(card, options.latent),
@@ -335,14 +335,14 @@ def refined_by(stored: StoredModel, refinement: Refinement) -> LeastSquares:
 
 def _pulls_of_trajectories(system: System, refinement: Refinement) -> dict[str, PopulationPull]:
     """What is known of a window of each training trajectory: its own estimates, of other parameters distributions."""
-    found: dict[str, dict[str, Population]] = {}
+    populations: dict[str, dict[str, Population]] = {}
     for name, constants in (refinement.trajectories or {}).items():
-        for of, one in constants.items():
+        for of, constant in constants.items():
             # Its error is the width of a pull that has no other.
-            exact, error = one.model_copy(update={"std": 0.0}), Constant(value=one.std, std=0.0)
-            known = Population(form="normal", middle=exact, spread=error, unit="trajectory")
-            found.setdefault(of, dict(refinement.population or {}))[name] = known
-    return {of: PopulationPull.of(system, known) for of, known in found.items()}
+            exact, error = constant.model_copy(update={"std": 0.0}), Constant(value=constant.std, std=0.0)
+            population = Population(form="normal", middle=exact, spread=error, unit="trajectory")
+            populations.setdefault(of, dict(refinement.population or {}))[name] = population
+    return {of: PopulationPull.of(system, distributions) for of, distributions in populations.items()}
 
 
 @torch.no_grad()
@@ -359,12 +359,12 @@ def with_overdispersion(stored: StoredModel, refinement: Refinement, train: Traj
     fit, some = estimator.fit, Windows.of(train.spread(TOLD)).until(stored.card.observed)
     fit.steps_checked, parts = True, []  # the one that is used tells it
     for part in some.expand(seeds).split(max(1, MEMORY // (8 * seeds * some.joined[:, 0, 0].numel()))):
-        windows, found = part.joined.double(), estimator.estimate(part.contiguous())
-        x = fit.coordinates(found.to(windows), fit.first(windows))
+        windows, estimates = part.joined.double(), estimator.estimate(part.contiguous())
+        x = fit.coordinates(estimates.to(windows), fit.first(windows))
         residuals = fit.residuals(x.unsqueeze(0), windows)[0]
         parts.append((residuals[..., : residuals.shape[-1] - fit.pulls], fit.degrees_of_freedom(windows)))
-    residuals, freedom = (torch.cat([one[k] for one in parts], dim=1) for k in range(2))
-    each = [overdispersion(*one, fit.rows)[0] for one in zip(residuals, freedom, strict=True)]
+    residuals, freedom = (torch.cat([pair[k] for pair in parts], dim=1) for k in range(2))
+    each = [overdispersion(*of_seed, fit.rows)[0] for of_seed in zip(residuals, freedom, strict=True)]
     return refinement.model_copy(update={"overdispersion": each[:1] if estimator.alone else each})
 
 
@@ -376,8 +376,10 @@ def pull_of(
     Arguments:
         units: of which values these are.
     """
-    known = {name: one for name, one in (refinement.population or {}).items() if one.unit in units}
-    return PopulationPull.of(system, known) if known else None
+    population = {
+        name: distribution for name, distribution in (refinement.population or {}).items() if distribution.unit in units
+    }
+    return PopulationPull.of(system, population) if population else None
 
 
 def refinement_of(stored: StoredModel, given: Refinement | None) -> Refinement | None:

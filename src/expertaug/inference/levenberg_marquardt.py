@@ -99,9 +99,9 @@ def _derivatives(residuals: Residuals, x: Tensor, columns: Tensor) -> tuple[Tens
     """Cost (…, B), JᵀJ (…, B, K, K) and Jᵀr (…, B, K) by forward differences."""
     size = x.shape[-1]
     moves = torch.cat((x.new_zeros(1, size), DIFFERENCE * torch.eye(size, dtype=x.dtype, device=x.device)))
-    found = _limited(residuals(x + moves.view(size + 1, *[1] * (x.dim() - 1), size), columns))
-    here = found[0]
-    jacobian = ((found[1:] - here) / DIFFERENCE).movedim(0, -1)  # (…, B, M, K)
+    values = _limited(residuals(x + moves.view(size + 1, *[1] * (x.dim() - 1), size), columns))
+    here = values[0]
+    jacobian = ((values[1:] - here) / DIFFERENCE).movedim(0, -1)  # (…, B, M, K)
     transposed = jacobian.transpose(-1, -2)
     return here.square().sum(-1), transposed @ jacobian, (transposed @ here.unsqueeze(-1)).squeeze(-1)
 

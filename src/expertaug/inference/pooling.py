@@ -33,19 +33,19 @@ def pool(values: np.ndarray, errors: np.ndarray | None, blocks: np.ndarray | Non
             from scatter: it is then that of a single value, as if all said the same.
     """
     count = len(values)
-    known = errors is not None and np.isfinite(errors).all()
-    variance = np.square(errors).clip(1e-24) if known else np.ones(count)
+    has_errors = errors is not None and np.isfinite(errors).all()
+    variance = np.square(errors).clip(1e-24) if has_errors else np.ones(count)
     weights, spread = 1 / variance, np.nan
     if count > 1:
         scatter = weights @ np.square(values - weights @ values / weights.sum())
         freedom = weights.sum() - np.square(weights).sum() / weights.sum()
-        beyond = max(0.0, scatter - (count - 1)) / freedom if known else scatter / (count - 1)
+        beyond = max(0.0, scatter - (count - 1)) / freedom if has_errors else scatter / (count - 1)
         spread = float(np.sqrt(beyond))
-        weights = 1 / (variance + beyond) if known else weights
+        weights = 1 / (variance + beyond) if has_errors else weights
     mean = float(weights @ values / weights.sum())
     numbers = np.arange(count) if blocks is None else np.unique(blocks, return_inverse=True)[1]
     groups = int(numbers.max()) + 1
-    least = float(np.sqrt(1 / (1 / variance).sum())) if known else np.nan
+    least = float(np.sqrt(1 / (1 / variance).sum())) if has_errors else np.nan
     if groups == 1:
         return Pooled(mean, least * np.sqrt(count), spread, 1)
     pulls = np.bincount(numbers, weights * (values - mean))

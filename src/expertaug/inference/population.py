@@ -56,14 +56,14 @@ class PopulationPull:
     def of(cls, system: System, population: Mapping[str, Population]) -> PopulationPull:
         """Of estimated distributions by expert parameter."""
         names, each = [p.name for p in system.expert_parameters], list(population.values())
-        logarithmic = torch.tensor([one.form == "lognormal" for one in each])
+        logarithmic = torch.tensor([estimate.form == "lognormal" for estimate in each])
 
         def seeds(values: Sequence[float | list[float]]) -> Tensor:
-            found = [torch.tensor(value, dtype=torch.float64) for value in values]
-            return torch.atleast_2d(torch.stack(torch.broadcast_tensors(*found), dim=-1)).unsqueeze(1)
+            tensors = [torch.tensor(value, dtype=torch.float64) for value in values]
+            return torch.atleast_2d(torch.stack(torch.broadcast_tensors(*tensors), dim=-1)).unsqueeze(1)
 
-        middle, spread = (seeds([getattr(one, part).held for one in each]) for part in ("middle", "spread"))
-        error, of_spread = (seeds([getattr(one, part).std for one in each]) for part in ("middle", "spread"))
+        middle, spread = (seeds([getattr(estimate, part).held for estimate in each]) for part in ("middle", "spread"))
+        error, of_spread = (seeds([getattr(estimate, part).std for estimate in each]) for part in ("middle", "spread"))
         error = torch.where(logarithmic, error / middle, error)
         width = (spread.square() + of_spread.square() + error.square()).sqrt()
         middle = torch.where(logarithmic, middle.clamp_min(1e-300).log(), middle)

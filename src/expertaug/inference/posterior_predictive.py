@@ -97,8 +97,8 @@ def predictive(
     means, quantiles, kept = [], [], []
     for start in range(0, samples, size):
         part = slice(start, start + size)
-        draws, known = [x[:, :, part] for x in (y0, z_e, z_a)], None if u is None else u[:, :, part]
-        y = forecasts(estimator.decoder, *draws, t, solver, estimator.bound, known)
+        draws, inputs = [x[:, :, part] for x in (y0, z_e, z_a)], None if u is None else u[:, :, part]
+        y = forecasts(estimator.decoder, *draws, t, solver, estimator.bound, inputs)
         if pooled:
             y = _pooled(y, 2)
         means.append(y.mean(0))
@@ -148,9 +148,9 @@ def forecasts(
     draws = len(y0)
 
     def of(windows: slice, stopping: BoundedSolver) -> Tensor:
-        one = [x[:, :, windows].transpose(0, 1).flatten(1, 2) for x in (y0, z_e, z_a)]  # (S, K·B, …)
-        known = None if u is None else u[:, :, windows].repeat(1, 1, draws, 1)
-        return decoder.forecast(*one, t, stopping, known).unflatten(2, (draws, -1))  # type: ignore[arg-type]
+        flat = [x[:, :, windows].transpose(0, 1).flatten(1, 2) for x in (y0, z_e, z_a)]  # (S, K·B, …)
+        inputs = None if u is None else u[:, :, windows].repeat(1, 1, draws, 1)
+        return decoder.forecast(*flat, t, stopping, inputs).unflatten(2, (draws, -1))  # type: ignore[arg-type]
 
     y, _ = solve_with_sample_fallback(of, y0.shape[2], solver, bound, axis=3)  # (T, S, K, B, *state)
     limit = bound if bound is None or bound.dim() == 1 else bound.repeat(draws, 1)
@@ -245,9 +245,9 @@ class Drawn:
         Raises:
             InputError: the model estimates a point alone.
         """
-        found = self.model.estimate(windows)  # type: ignore[attr-defined]
+        estimates = self.model.estimate(windows)  # type: ignore[attr-defined]
         drawn = joint_draws(
-            self.model, found, windows, count, RandomStreams(self.seeds, 0 if seed is None else seed, DRAWS)
+            self.model, estimates, windows, count, RandomStreams(self.seeds, 0 if seed is None else seed, DRAWS)
         )
         if drawn is None:
             remedy = "give one of expertaug.fit_posterior, or a refined one"

@@ -51,7 +51,7 @@ class SensorCoordinates:
         names = [p.name for p in system.state]
         places, axis = [names.index(component) for component, _ in sought], windows.dim() - len(system.state_shape)
         columns = [windows.select(axis, place) for place in places]
-        spreads = [float(one[~one.isnan()].std()) if (~one.isnan()).sum() > 1 else 1.0 for one in columns]
+        spreads = [float(column[~column.isnan()].std()) if (~column.isnan()).sum() > 1 else 1.0 for column in columns]
         units = torch.tensor([spread or 1.0 for spread in spreads], dtype=torch.float64)
         return cls(sought, places, units, len(names), len(system.state_shape))
 
@@ -78,13 +78,13 @@ class SensorCoordinates:
         is_scale = torch.tensor([name == "scale" for _, name in self.sought])
         values, slopes = torch.where(is_scale, x.exp(), x * self.units), torch.where(is_scale, x.exp(), self.units)
         each: dict[str, dict[str, Constant]] = {}
-        for (component, name), one, weak in zip(
+        for (component, name), constant, weak in zip(
             self.sought, constants_from(values, std * slopes, groups), (std > WEAK).tolist(), strict=True
         ):
-            each.setdefault(component, {})[name] = one
+            each.setdefault(component, {})[name] = constant
             if weak:
                 text = "sensors.%s.%s: %.3g (± %.2g): the windows hardly tell it; leave it out"
-                logger.warning(text, component, name, one.value, one.std)
+                logger.warning(text, component, name, constant.value, constant.std)
         return {component: SensorConstants.of(**constants) for component, constants in each.items()}
 
 

@@ -170,8 +170,8 @@ def _problem(stored: StoredModel, refinement: Refinement, points: int, sensors: 
     """Of windows of so many points, where each has its own parameters, pulled by the distributions that are known."""
     of_part = replace(stored, card=stored.card.but(observed=points))
     ranges, pull = given_ranges(refinement.prior), pull_of(stored.model.system, refinement, ("window",))
-    known = {"population": pull, "overdispersion": refinement.overdispersion}
-    fit = estimator_of(of_part, refinement.settings.alone, refinement.noise, ranges, **known).fit
+    options = {"population": pull, "overdispersion": refinement.overdispersion}
+    fit = estimator_of(of_part, refinement.settings.alone, refinement.noise, ranges, **options).fit
     return SensedFit(fit, sensors)
 
 
@@ -236,8 +236,8 @@ class _PopulationFit:
         bare = _problem(
             self.stored, refinement.model_copy(update={"population": None}), len(self.windows), self.sensors
         )
-        known = {**(refinement.population or {}), **self._estimated(bare, refinement, wanted, x, dispersion)}
-        return refinement.model_copy(update={"population": known, "overdispersion": [dispersion.overdispersion]})
+        population = {**(refinement.population or {}), **self._estimated(bare, refinement, wanted, x, dispersion)}
+        return refinement.model_copy(update={"population": population, "overdispersion": [dispersion.overdispersion]})
 
     def pulled(
         self, refinement: Refinement, wanted: Sequence[str], x: Tensor, dispersion: _Dispersion
@@ -258,7 +258,7 @@ class _PopulationFit:
                 other = pulled.start(self.windows)
                 held = [*self.places, *(self.tied.places if self.tied is not None else ())]
                 other[..., held] = x[..., held]
-                costs = [normal_equations(pulled, self.windows, one).cost for one in (x, other)]
+                costs = [normal_equations(pulled, self.windows, candidate).cost for candidate in (x, other)]
                 x = torch.where((costs[1] < costs[0]).unsqueeze(-1), other, x)
             x, equations, ended = minimise_together(pulled, self.windows, x, self.places, tied=self.tied)
         return refinement, x, equations, ended
@@ -274,15 +274,15 @@ class _PopulationFit:
         equations = NormalEquations(
             equations.cost * weight, equations.curvature * weight[:, None, None], equations.slope * weight[:, None]
         )
-        found: dict[str, Population] = {}
-        known = [*self.places, *(self.tied.places if self.tied is not None else ())]
+        populations: dict[str, Population] = {}
+        held = [*self.places, *(self.tied.places if self.tied is not None else ())]
         for unit in ("window", "trajectory"):
             of_trajectories = settings.tied if self.tied is not None else ()
             chosen = [name for name in wanted if (name in of_trajectories) == (unit == "trajectory")]
             if not chosen:
                 continue
             places = [names.index(name) for name in chosen]
-            kept = [k for k in range(x.shape[-1]) if k not in known or k in places]
+            kept = [k for k in range(x.shape[-1]) if k not in held or k in places]
             part = equations.of(kept)
             curvature, slope, *_ = eliminated(part, [kept.index(k) for k in places], 0.0)
             at, units, clusters = x[0][:, places], NormalEquations(part.cost, curvature, slope), self.groups
@@ -291,8 +291,8 @@ class _PopulationFit:
                 clusters = np.arange(self.tied.count)
             if len(at) < FEWEST_UNITS:
                 raise InputError(f"population.{chosen[0]}", f"one {unit} has no distribution", "leave it out")
-            found |= zip(chosen, _populations(system, chosen, settings, units, at, clusters, unit), strict=True)
-        return {name: found[name] for name in wanted}
+            populations |= zip(chosen, _populations(system, chosen, settings, units, at, clusters, unit), strict=True)
+        return {name: populations[name] for name in wanted}
 
 
 def _populations(
@@ -315,20 +315,20 @@ def _populations(
         torch.where(logarithmic, at + scale.log(), values),
         torch.where(logarithmic, 1.0, torch.where(positive, values, scale)),
     )
-    told = units.curvature.diagonal(dim1=1, dim2=2).sum(0)
-    if bool((told <= 0).any()):
-        name = chosen[int((told <= 0).nonzero()[0])]
+    information = units.curvature.diagonal(dim1=1, dim2=2).sum(0)
+    if bool((information <= 0).any()):
+        name = chosen[int((information <= 0).nonzero()[0])]
         raise InputError(f"refinement.population.{name}", "the windows do not tell it", "leave it out")
     slopes = steepness.unsqueeze(-1) * steepness.unsqueeze(-2)
     numbers = torch.from_numpy(np.unique(clusters, return_inverse=True)[1])
-    one = distribution(units.curvature / slopes, units.slope / steepness, values, numbers)
-    if not all(bool(part.isfinite().all()) for part in vars(one).values()):
+    estimate = distribution(units.curvature / slopes, units.slope / steepness, values, numbers)
+    if not all(bool(part.isfinite().all()) for part in vars(estimate).values()):
         raise InputError(f"population.{chosen[0]}", "no distribution is found", "leave it out, or narrow the prior")
-    middle = torch.where(logarithmic, one.mean.exp(), one.mean)
-    error = one.mean_std * torch.where(logarithmic, middle, 1.0)
+    middle = torch.where(logarithmic, estimate.mean.exp(), estimate.mean)
+    error = estimate.mean_std * torch.where(logarithmic, middle, 1.0)
     pairs = zip(
         constants_from(middle, error, clusters),
-        constants_from(one.spread, one.spread_std, clusters),
+        constants_from(estimate.spread, estimate.spread_std, clusters),
         forms,
         strict=True,
     )
@@ -348,20 +348,20 @@ def fit_shared_of_seeds(
     for k in range(seeds):
         of_seed = StoredModel(select(stored.model, [k], seeds), stored.card.of_seeds([k]), stored.classes)
         each.append(fit_shared(of_seed, refinement.of_seeds([k]), train, None if starts is None else starts[k]))
-    known: dict[str, object] = {}
+    changes: dict[str, object] = {}
     for block, kind in (("shared", Constant), ("sensors", SensorConstants), ("population", Population)):
         if first := getattr(each[0], block):
-            known[block] = {name: kind.of_seeds([getattr(one, block)[name] for one in each]) for name in first}
+            changes[block] = {name: kind.of_seeds([getattr(fitted, block)[name] for fitted in each]) for name in first}
     if each[0].trajectories:
-        known["trajectories"] = {
-            name: {of: Constant.of_seeds([one.trajectories[name][of] for one in each]) for of in constants}
+        changes["trajectories"] = {
+            name: {of: Constant.of_seeds([fitted.trajectories[name][of] for fitted in each]) for of in constants}
             for name, constants in each[0].trajectories.items()
         }
     if each[0].overdispersion is not None:
-        known["overdispersion"] = [one.overdispersion[0] for one in each]
+        changes["overdispersion"] = [fitted.overdispersion[0] for fitted in each]
     if isinstance(each[0].noise, Mapping):
-        known["noise"] = {name: sum(one.noise[name] for one in each) / seeds for name in each[0].noise}
-    return refinement.model_copy(update=known)
+        changes["noise"] = {name: sum(fitted.noise[name] for fitted in each) / seeds for name in each[0].noise}
+    return refinement.model_copy(update=changes)
 
 
 def _rounds(system: System, refinement: Refinement) -> int:
@@ -401,5 +401,5 @@ def _check_told(equations: NormalEquations, places: Sequence[int], names: Sequen
         several = dead or alike
         first = names[next(k for k in several if k in of_sensors)]
         others = [names[k] for k in several if names[k] != first]
-        told = f"cannot be told apart from {' and '.join(others)}" if others and not dead else "moves nothing"
-        raise InputError(f"refinement.{first}", f"{told} in these windows", "leave it out")
+        problem = f"cannot be told apart from {' and '.join(others)}" if others and not dead else "moves nothing"
+        raise InputError(f"refinement.{first}", f"{problem} in these windows", "leave it out")

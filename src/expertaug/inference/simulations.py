@@ -198,10 +198,10 @@ class Simulator:
         if self.ranges is None:
             return self.starts.mean(0), self.starts.std(0)
         middle, width = ends_of(self.ranges, self.starts)
-        known = ~torch.isnan(self.starts)
-        count, filled = known.sum(0), self.starts.nan_to_num()
+        measured = ~torch.isnan(self.starts)
+        count, filled = measured.sum(0), self.starts.nan_to_num()
         mean = filled.sum(0) / count.clamp_min(1)
-        std = (torch.where(known, filled - mean, 0.0).square().sum(0) / (count - 1).clamp_min(1)).sqrt()
+        std = (torch.where(measured, filled - mean, 0.0).square().sum(0) / (count - 1).clamp_min(1)).sqrt()
         return torch.where(count > 1, mean, middle), torch.where(count > 1, std, width / 3**0.5)
 
     def _index(self, count: int, random: RandomStreams) -> Tensor:
@@ -262,8 +262,8 @@ def latents_of(model: Predictor | nn.Module, card: ModelCard, windows: Windows, 
     if isinstance(model, FlowEstimator):
         model = model.base
     if not isinstance(model, HybridNet):
-        known = ([[]], [[]]) if card.latent is None else (card.latent.mean, card.latent.std)
-        mean, std = (torch.tensor(value).float().to(windows.y.device).unsqueeze(1) for value in known)
+        moments = ([[]], [[]]) if card.latent is None else (card.latent.mean, card.latent.std)
+        mean, std = (torch.tensor(value).float().to(windows.y.device).unsqueeze(1) for value in moments)
         return mean + std * random.normal(windows.y.shape[2], mean.shape[-1])
     parts = []
     for part in windows.split(1024):
@@ -298,14 +298,14 @@ def own_draws(
     windows, states = train.until(card.observed), train.y[:, 0]
     latents = latents_of(first, card, windows, own.z_a_from)
     low, high = (end.to(device) for end in prior_ends(system, given_ranges(own.prior)))
-    known, ranges = noise_of(noise, system, card), card.start
+    noise_std, ranges = noise_of(noise, system, card), card.start
     if decoder.sensors is not None and ranges is not None:
         ranges = decoder.sensors.state_ranges(ranges)
     if isinstance(first, FlowEstimator):
         unknowns = first.head.unknowns
     else:
         width = latents.shape[-1]
-        each = [PriorTransform(system, low.cpu(), high.cpu(), one, width, known, ranges) for one in latents.cpu()]
+        each = [PriorTransform(system, low.cpu(), high.cpu(), z_a, width, noise_std, ranges) for z_a in latents.cpu()]
         unknowns = stack(each).to(device)
     t = torch.tensor(card.t, dtype=torch.float32)
     bound = bound_of_card(card, device)
@@ -321,12 +321,12 @@ def own_draws(
         ranges=ranges,
         low=low,
         high=high,
-        noise=known,
+        noise=noise_std,
         jitter=FlowSettings().jitter,
         resample_x=own.resample_x,
         task=Task(t, card.observed, len(t), solver, bound=bound),  # type: ignore[arg-type]
         seeds=seeds,
     )
-    found = simulator.simulated(count, RandomStreams(seeds, OWN, FLOW, device=device))
-    good = found.good.all(0)
-    return found.windows.samples(good), found.z_e[:, good]
+    simulated = simulator.simulated(count, RandomStreams(seeds, OWN, FLOW, device=device))
+    good = simulated.good.all(0)
+    return simulated.windows.samples(good), simulated.z_e[:, good]

@@ -90,7 +90,7 @@ class WindowProblem:
         self.t = t.double()
         start = _first_point(system, noise, free_start, ranges)
         self.shared = dict(shared or {})
-        self.expert = LogCoordinates.of(system, {name: one.held for name, one in self.shared.items()})
+        self.expert = LogCoordinates.of(system, {name: constant.held for name, constant in self.shared.items()})
         self.transform = ParameterTransform(self.expert, latent, start)
         self.counts = _counts(system, self.t, settings.windows if "windows" in settings.model_fields_set else {})
         self.sizes = p, q, free = self.transform.sizes
@@ -231,10 +231,10 @@ def _spread_over(values: Tensor, places: Tensor, size: int) -> Tensor:
 def assumed_noise(settings: RefinementSettings, noise: NoiseLike, bound: Sequence[float]) -> NoiseLike:
     """Standard deviation of the observation: the settings', the data's ``noise``, or, where there is none, a small part
     of the largest value that the stored ``bound`` (K,) is made of."""
-    given = settings.noise if "noise" in settings.model_fields_set else noise
-    if given is None or isinstance(given, int | float):
-        return given or SMALLEST * max(bound) / FACTOR
-    return [one or SMALLEST * end / FACTOR for one, end in zip(given, bound, strict=True)]
+    std = settings.noise if "noise" in settings.model_fields_set else noise
+    if std is None or isinstance(std, int | float):
+        return std or SMALLEST * max(bound) / FACTOR
+    return [value or SMALLEST * end / FACTOR for value, end in zip(std, bound, strict=True)]
 
 
 def _first_point(

@@ -87,7 +87,7 @@ def _samples(recipe: HybridModel, task: Task) -> Windows:
     if scales:
         u = torch.tensor(scales) * torch.rand(SAMPLES, len(scales), generator=generator).expand(len(task.t), -1, -1)
     with torch.no_grad():
-        y = solve(system, lambda s, x, *given: system.expert(s, x, z_e, *given), y0, task.t, task.solver, z_e, u)
+        y = solve(system, lambda s, x, *more: system.expert(s, x, z_e, *more), y0, task.t, task.solver, z_e, u)
     return Windows(task.t, y, u)
 
 

@@ -132,8 +132,8 @@ def expert_tangents(
 
 def expert_rates(system: System, t: Tensor, states: Tensor, z_e: Tensor, u: Tensor | None = None) -> Tensor:
     """F_e at times t (T,) and states (T, S, N, *state), with known inputs u (T, S, N, U) where there are some."""
-    known = [None] * len(t) if u is None else u
-    rates = [system.expert(s, y, z_e, *further(system, y, z_e, k)) for s, y, k in zip(t, states, known, strict=True)]
+    inputs = [None] * len(t) if u is None else u
+    rates = [system.expert(s, y, z_e, *further(system, y, z_e, k)) for s, y, k in zip(t, states, inputs, strict=True)]
     return torch.stack(rates)
 
 
@@ -147,8 +147,8 @@ def interaction_at(
     pairs = z_a.shape[1]
     context = decoder.context(z_a, z_e).repeat_interleave(times * count, dim=1)
     when = t.repeat_interleave(count).repeat(pairs)
-    given = () if u is None else (u.movedim(1, 0).flatten(1, 2).repeat(1, pairs, 1),)
-    rates = decoder.interaction_rate(points.repeat(1, pairs, *[1] * (points.dim() - 2)), context, when, *given)
+    inputs = () if u is None else (u.movedim(1, 0).flatten(1, 2).repeat(1, pairs, 1),)
+    rates = decoder.interaction_rate(points.repeat(1, pairs, *[1] * (points.dim() - 2)), context, when, *inputs)
     return rates.view(seeds, pairs, times, count, *states.shape[3:]).movedim(0, 2)
 
 

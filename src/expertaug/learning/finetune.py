@@ -111,8 +111,8 @@ def prepare(
     spread: torch.Tensor | float = 1.0
     if options.training.z_a_supervision_weight and plus is not None:
         if plus.train.z_a is None:
-            found, remedy = "do not say with which z_a they were made", "draw them again (augment)"
-            raise InputError("augmented samples", found, remedy)
+            problem, remedy = "do not say with which z_a they were made", "draw them again (augment)"
+            raise InputError("augmented samples", problem, remedy)
         std = latent_of(encode_all(hybrid, real.windows(base.observed), len(stored.seeds))[1]).std
         spread = torch.tensor(std, dtype=torch.float32, device=device).clamp_min(SMALLEST_SPREAD).unsqueeze(1)
     task = task_of(options.training, base, device, scale, spread)

@@ -281,9 +281,9 @@ class Aphynity(Objective):
             penalty = torch.sqrt(squares.flatten(1).mean(1) + 1e-12)
         share = None
         if self.share and any(p.requires_grad for p in model.interaction.parameters()):
-            given = prediction.detach(), z_e.detach(), z_a.detach(), task.t[: task.horizon]
-            unit = expert_sizes(model.system, *given[:2], given[3], u)
-            share = squares_beside_expert(model.decoder, *given, unit, u)[1]
+            detached = prediction.detach(), z_e.detach(), z_a.detach(), task.t[: task.horizon]
+            unit = expert_sizes(model.system, *detached[:2], detached[3], u)
+            share = squares_beside_expert(model.decoder, *detached, unit, u)[1]
         return data, penalty, diverged_share(data, good), share
 
     def end_of_pass(self) -> None:

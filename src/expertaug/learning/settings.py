@@ -388,8 +388,8 @@ def train_job_kind(settings: Raw) -> type[TrainJob] | type[UntrainedJob]:
     """What job of the stage train settings are of, by the kind of their method."""
     build = settings.get("build")
     name = build.get("kind") if isinstance(build, Mapping) else None
-    known = isinstance(name, str) and (":" in name or name in estimators.methods())
-    kind = estimators.estimator(str(name), "build.kind") if known else estimators.Hybrid
+    is_known = isinstance(name, str) and (":" in name or name in estimators.methods())
+    kind = estimators.estimator(str(name), "build.kind") if is_known else estimators.Hybrid
     return TrainJob if kind.trains() else UntrainedJob
 
 

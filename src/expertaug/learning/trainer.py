@@ -409,8 +409,8 @@ class Restarts:
 
     def state(self, running: State | None) -> State:
         """What a killed run goes on from, at a restart's beginning or at a state of it."""
-        told = {"counts": self.counts, "carried": self.carried, "seconds": self.seconds, "running": running}
-        return self.trainer.state() | {"restarting": told}
+        restarting = {"counts": self.counts, "carried": self.carried, "seconds": self.seconds, "running": running}
+        return self.trainer.state() | {"restarting": restarting}
 
 
 class _Restarting(Progress):

@@ -89,8 +89,8 @@ class Measured:
 
     def warn_of_slopes(self) -> None:
         """Tell of each of them, where the system says what is whose rate of change."""
-        for one in self.slopes_off() if self.names.rates else ():
-            logger.warning("%s", one.says(self.settings))
+        for mismatch in self.slopes_off() if self.names.rates else ():
+            logger.warning("%s", mismatch.says(self.settings))
 
     def slopes_off(self) -> list[Off]:
         """Columns that are not the slope of the column whose rate of change they are
@@ -100,10 +100,10 @@ class Measured:
     def told_short(self) -> str:
         """What is said of rows that no chunk can hold, whatever the split; else empty."""
         span, total, lost = (self.settings.length - 1) * self.grid.step + 1, 0, 0
-        for one in self.grid.series:
-            measured_rows = (one.row >= 0) & np.isfinite(one.y).any(1)
+        for trajectory in self.grid.series:
+            measured_rows = (trajectory.row >= 0) & np.isfinite(trajectory.y).any(1)
             total += int(measured_rows.sum())
-            lost += sum(int(measured_rows[a:b].sum()) for a, b in stretches(one.usable) if b - a < span)
+            lost += sum(int(measured_rows[a:b].sum()) for a, b in stretches(trajectory.usable) if b - a < span)
         if lost <= FEW_LOST * total:
             return ""
         where = f"stretches shorter than the {self.settings.length} points of a chunk, so that none holds them"
@@ -116,8 +116,8 @@ class Measured:
 
     def shares_seen(self) -> dict[str, float]:
         """In what share of the rows each component with a column was measured."""
-        known = np.concatenate([np.isfinite(one.rows.y) for one in self.grid.series])
-        return {name: float(known[:, k].mean()) for k, name in enumerate(self.names.state) if self.seen[k]}
+        present = np.concatenate([np.isfinite(trajectory.rows.y) for trajectory in self.grid.series])
+        return {name: float(present[:, k].mean()) for k, name in enumerate(self.names.state) if self.seen[k]}
 
 
 def measured(settings: MeasurementSettings, names: Names, tables: Mapping[Path, Table] | None = None) -> Measured:
@@ -133,10 +133,10 @@ def measured(settings: MeasurementSettings, names: Names, tables: Mapping[Path, 
     if settings.checksums is not None:
         verify(files, settings.checksums)
     grid = on_grid(read(files, settings, names, tables), settings)
-    for one in grid.series:
+    for trajectory in grid.series:
         for name in settings.angles:
-            _unwrap(one.y, list(names.state).index(name))
-        _fill_constants(one, [k for k, name in enumerate(names.inputs) if name in names.constant])
+            _unwrap(trajectory.y, list(names.state).index(name))
+        _fill_constants(trajectory, [k for k, name in enumerate(names.inputs) if name in names.constant])
     noise = _noise(grid)
     steps = _steps(grid, noise)
     return Measured(files, names, settings, grid, np.fmax(noise, steps / math.sqrt(12)), resolution=steps)
@@ -144,34 +144,36 @@ def measured(settings: MeasurementSettings, names: Names, tables: Mapping[Path, 
 
 def _noise(grid: Grid) -> np.ndarray:
     if grid.share == 1:
-        return noise_of([one.y for one in grid.series])
-    return noise_of_rows([(one.t[one.row >= 0], one.y[one.row >= 0]) for one in grid.series])
+        return noise_of([trajectory.y for trajectory in grid.series])
+    return noise_of_rows(
+        [(trajectory.t[trajectory.row >= 0], trajectory.y[trajectory.row >= 0]) for trajectory in grid.series]
+    )
 
 
 def _steps(grid: Grid, noise: np.ndarray) -> np.ndarray:
     """The step (K,) of each sensor whose noise (K,), as its roughness tells it, is below a step / √12; else NaN."""
-    found = np.full(len(noise), np.nan)
+    steps = np.full(len(noise), np.nan)
     for k in range(len(noise)):
-        values = np.concatenate([one.rows.y[:, k] for one in grid.series])
+        values = np.concatenate([trajectory.rows.y[:, k] for trajectory in grid.series])
         step = resolution(values) if stands_still(values) else None
         if step is not None and not noise[k] >= step / math.sqrt(12):
-            found[k] = step
-    return found
+            steps[k] = step
+    return steps
 
 
 def _fill_constants(one: Series, places: Sequence[int]) -> None:
     """Give covariates, at their places among the inputs, the one value that a trajectory's rows have of each, at all of
     its points, in place; one that changes stays as it is, and is refused."""
     for k in places:
-        known = np.unique(one.rows.u[np.isfinite(one.rows.u[:, k]), k])
-        if len(known) == 1:
-            one.u[:, k] = known[0]
+        values = np.unique(one.rows.u[np.isfinite(one.rows.u[:, k]), k])
+        if len(values) == 1:
+            one.u[:, k] = values[0]
 
 
 def _unwrap(y: np.ndarray, k: int) -> None:
     """Take an angle's jumps by whole turns out, in place."""
-    known = np.isfinite(y[:, k])
-    y[known, k] = np.unwrap(y[known, k])
+    present = np.isfinite(y[:, k])
+    y[present, k] = np.unwrap(y[present, k])
 
 
 def divide(data: Measured) -> tuple[list[np.ndarray], dict[str, float] | None]:
@@ -182,37 +184,37 @@ def divide(data: Measured) -> tuple[list[np.ndarray], dict[str, float] | None]:
         InputError: there are too few pieces, or names that say nothing.
     """
     split, series = data.settings.split, data.grid.series
-    usable, where = [one.usable for one in series], data.source.split
+    usable, where = [trajectory.usable for trajectory in series], data.source.split
     shares, thresholds = split.shares, None
     _refuse_too_long(data)
     size = data.settings.length * data.grid.step
     sizes = None if split.pieces == "trajectories" else [size] * len(series)
     if split.by == "time":
-        labels = [label_by_time(one, shares, split.reverse) for one in usable]
+        labels = [label_by_time(points, shares, split.reverse) for points in usable]
     elif split.by == "random":
         labels = label_at_random(usable, sizes, shares, split.seed, where)
     elif split.by == "quantity":
-        levels = [one.level for one in series]
+        levels = [trajectory.level for trajectory in series]
         order = shares[::-1] if split.reverse else shares
-        given = split.thresholds
-        labels, thresholds = label_by_level(usable, levels, sizes, order, split.statistic, given, where)  # type: ignore[arg-type]
+        bounds = split.thresholds
+        labels, thresholds = label_by_level(usable, levels, sizes, order, split.statistic, bounds, where)  # type: ignore[arg-type]
         if split.reverse:
-            labels = [np.where(one < 0, one, 2 - one) for one in labels]
+            labels = [np.where(label < 0, label, 2 - label) for label in labels]
     else:
         labels = _by_name(data, usable)
     guard = round(split.guard_s / data.grid.row_s)
-    return [keep_apart(one, guard) for one in labels] if guard else labels, thresholds
+    return [keep_apart(label, guard) for label in labels] if guard else labels, thresholds
 
 
 def _refuse_too_long(data: Measured) -> None:
     """Chunks must fit into a series."""
-    longest = max(b - a for one in data.grid.series for a, b in [(0, 0), *stretches(one.usable)])
+    longest = max(b - a for trajectory in data.grid.series for a, b in [(0, 0), *stretches(trajectory.usable)])
     points = (longest - 1) // data.grid.step + 1
     if points < data.settings.length:
         source = data.source
         what = "trajectory" if source.series == "trajectories" else "recording"
-        found = f"found {data.settings.length}, the longest {what} without a long gap has {points} points"
-        raise InputError(f"{source.keys}.length", found, _off_grid_or(data, f"give fewer, or {source.longer}"))
+        problem = f"found {data.settings.length}, the longest {what} without a long gap has {points} points"
+        raise InputError(f"{source.keys}.length", problem, _off_grid_or(data, f"give fewer, or {source.longer}"))
 
 
 def _off_grid_or(data: Measured, remedy: str) -> str:
@@ -221,32 +223,34 @@ def _off_grid_or(data: Measured, remedy: str) -> str:
         return said
     shares = data.shares_seen() if data.grid.share == 1 else {}
     if shares and (mean := sum(shares.values()) / len(shares)) < data.settings.min_seen:
-        told = ", ".join(f"{name} in {100 * share:.0f} %" for name, share in shares.items())
-        return f"measured is {told} of the rows: set min_seen below {mean:.2g}"
+        listed = ", ".join(f"{name} in {100 * share:.0f} %" for name, share in shares.items())
+        return f"measured is {listed} of the rows: set min_seen below {mean:.2g}"
     return remedy
 
 
 def _by_name(data: Measured, usable: list[np.ndarray]) -> list[np.ndarray]:
     """Labels by the files' names, or by the values of a column."""
     split, labels = data.settings.split, []
-    known: dict[str, None] = {}
-    for one, free in zip(data.grid.series, usable, strict=True):
-        told = np.full(len(free), _name_of(one)) if split.by == "file" else _filled(one)
+    values: dict[str, None] = {}
+    for trajectory, free in zip(data.grid.series, usable, strict=True):
+        texts = np.full(len(free), _name_of(trajectory)) if split.by == "file" else _filled(trajectory)
         label = np.full(len(free), -1, dtype=np.int8)
-        for value in dict.fromkeys(told):
-            known[str(value)] = None
-            fitting = [k for k, name in enumerate(SPLITS) if _fits(str(value), one, split.values(name), split.by)]
+        for value in dict.fromkeys(texts):
+            values[str(value)] = None
+            fitting = [
+                k for k, name in enumerate(SPLITS) if _fits(str(value), trajectory, split.values(name), split.by)
+            ]
             if len(fitting) > 1:
                 names = " and ".join(SPLITS[k] for k in fitting)
                 raise InputError(f"{WHERE}.split", f"'{value}' is in {names}", "each belongs to one set")
             if fitting:
-                label[(told == value) & free] = fitting[0]
+                label[(texts == value) & free] = fitting[0]
         labels.append(label)
     for k, name in enumerate(SPLITS):
         if not any((label == k).any() for label in labels):
-            listed = ", ".join(f"'{value}'" for value in list(known)[:10] if value)
-            found = f"no {split.by} is {' or '.join(map(repr, split.values(name)))}"
-            raise InputError(f"{WHERE}.split.{name}", found, f"there are {listed}")
+            listed = ", ".join(f"'{value}'" for value in list(values)[:10] if value)
+            problem = f"no {split.by} is {' or '.join(map(repr, split.values(name)))}"
+            raise InputError(f"{WHERE}.split.{name}", problem, f"there are {listed}")
     return labels
 
 
@@ -309,17 +313,17 @@ def _good(data: Measured, rows: np.ndarray) -> np.ndarray:
     tolerance = 1.01 if data.grid.share < 1 else settings.tolerance  # both ends may be half a point off
     least, good = settings.min_seen * data.grid.share, np.zeros(len(rows), dtype=bool)
     for index in np.unique(rows[:, 0]):
-        one, of_series = data.grid.series[index], np.flatnonzero(rows[:, 0] == index)
-        known, driven = np.isfinite(one.y[:, seen]), np.isfinite(one.u).all(1)
+        trajectory, of_series = data.grid.series[index], np.flatnonzero(rows[:, 0] == index)
+        present, driven = np.isfinite(trajectory.y[:, seen]), np.isfinite(trajectory.u).all(1)
         for begin in range(0, len(of_series), max(1, BLOCK // settings.length)):
             here = of_series[begin : begin + max(1, BLOCK // settings.length)]
             first = rows[here, 1]
             points = first[:, None] + data.grid.step * np.arange(settings.length)
-            off = np.abs(one.t[points] - one.t[first][:, None] - h * (points - first[:, None]))
+            off = np.abs(trajectory.t[points] - trajectory.t[first][:, None] - h * (points - first[:, None]))
             good[here] = (
                 driven[points].all(1)
-                & known[first].any(1)
-                & (known.sum(1)[points].sum(1) / (settings.length * known.shape[1]) >= least)
+                & present[first].any(1)
+                & (present.sum(1)[points].sum(1) / (settings.length * present.shape[1]) >= least)
                 & ~(off > max(tolerance, 1e-6) * h).any(1)
             )
     return good
@@ -332,14 +336,14 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
     z_e = np.full((len(rows), len(data.names.parameters)), np.nan)
     u, identity = np.full((len(rows), settings.length, len(data.names.inputs)), np.nan), [""] * len(rows)
     for index in np.unique(rows[:, 0]):
-        one, here = data.grid.series[index], rows[:, 0] == index
+        trajectory, here = data.grid.series[index], rows[:, 0] == index
         first = rows[here, 1]
         points = first[:, None] + data.grid.step * np.arange(settings.length)
-        y[here], u[here], z_e[here] = one.y[points], one.u[points], one.rows.z_e
-        row = one.row[first]
-        lines = np.where(row >= 0, one.rows.line[row], first)
+        y[here], u[here], z_e[here] = trajectory.y[points], trajectory.u[points], trajectory.rows.z_e
+        row = trajectory.row[first]
+        lines = np.where(row >= 0, trajectory.rows.line[row], first)
         for k, line in zip(np.flatnonzero(here).tolist(), lines.tolist(), strict=True):
-            identity[k] = f"{one.name}/{line}"
+            identity[k] = f"{trajectory.name}/{line}"
     for name in settings.angles:
         column = y[..., state.index(name)]
         known = np.isfinite(column)
@@ -352,8 +356,8 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
     for k, name in enumerate(data.names.inputs):
         changed = (u[..., k] != u[:, :1, k]).any(1)
         if name in data.names.constant and changed.any():
-            found = f"{name} changes along {identity[int(changed.argmax())]}"
-            raise InputError(f"{WHERE}.inputs.{name}", found, "a covariate is constant; declare an input")
+            problem = f"{name} changes along {identity[int(changed.argmax())]}"
+            raise InputError(f"{WHERE}.inputs.{name}", problem, "a covariate is constant; declare an input")
     known = {"id": np.array(identity)}
     if data.noise is not None:
         known["noise"] = np.nan_to_num(data.noise)
@@ -406,11 +410,11 @@ def all_chunks(data: Measured) -> Trajectories:
         InputError: there is none.
     """
     _refuse_too_long(data)
-    labels = [np.where(one.usable, 0, -1) for one in data.grid.series]
+    labels = [np.where(trajectory.usable, 0, -1) for trajectory in data.grid.series]
     rows = candidates(data, labels)["train"]
     if not len(rows):
         also = ", its first point and all known inputs" if data.names.inputs else ", and its first point"
-        found = f"no chunk has {data.settings.min_seen:g} of its values measured{also}"
+        problem = f"no chunk has {data.settings.min_seen:g} of its values measured{also}"
         remedy = _off_grid_or(data, _fewer_seen(data, labels))
-        raise InputError(f"{WHERE}.min_seen", found, remedy)
+        raise InputError(f"{WHERE}.min_seen", problem, remedy)
     return trajectories_of(data, thinned(rows, data.settings.limit("train")))

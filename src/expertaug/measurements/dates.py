@@ -36,14 +36,14 @@ def seconds(path: Path, name: str, cells: np.ndarray, pattern: str | None) -> tu
     texts = pd.Series(cells)
     of_text = texts.dtype == object or isinstance(texts.dtype, pd.StringDtype)
     if pattern is not None:
-        found = pd.to_datetime(texts.astype(str).str.strip(), errors="coerce", utc=True, format=pattern)
+        times = pd.to_datetime(texts.astype(str).str.strip(), errors="coerce", utc=True, format=pattern)
     elif of_text and texts.astype(str).str.fullmatch(DURATION).all():
-        found = _durations(texts.astype(str))
+        times = _durations(texts.astype(str))
     else:
         first = of_text and _day_comes_first(path, name, texts.astype(str))
-        found = pd.to_datetime(texts, errors="coerce", utc=True, format="mixed", dayfirst=first)
-    none = found.isna().to_numpy()
-    since = found - found[~none].iloc[0] if not none.all() else found - found
+        times = pd.to_datetime(texts, errors="coerce", utc=True, format="mixed", dayfirst=first)
+    none = times.isna().to_numpy()
+    since = times - times[~none].iloc[0] if not none.all() else times - times
     return since.dt.total_seconds().to_numpy(), none
 
 
@@ -82,11 +82,11 @@ def _day_comes_first(path: Path, name: str, texts: Texts) -> bool:
     example = texts[numbered].iloc[0].strip()
     remedy = "set data.files.time_format, such as '%d/%m/%Y' or '%m/%d/%Y' (inspect-data: --set time_format=…)"
     if days.any() and months.any():
-        one, other = texts[days].iloc[0].strip(), texts[months].iloc[0].strip()
-        raise InputError(path, f"column '{name}' has the day first in '{one}' and the month in '{other}'", remedy)
+        day_first, other = texts[days].iloc[0].strip(), texts[months].iloc[0].strip()
+        raise InputError(path, f"column '{name}' has the day first in '{day_first}' and the month in '{other}'", remedy)
     if not days.any() and not months.any():
-        found = f"column '{name}': '{example}' may have the day or the month first, and no cell decides it"
-        raise InputError(path, found, remedy)
+        problem = f"column '{name}': '{example}' may have the day or the month first, and no cell decides it"
+        raise InputError(path, problem, remedy)
     return bool(days.any())
 
 

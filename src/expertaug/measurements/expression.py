@@ -39,9 +39,9 @@ def names(text: str, where: object) -> list[str]:
         tree = ast.parse(text.strip(), mode="eval")
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise InputError(where, f"'{text}' is no expression", "write arithmetic, as theta**2 + omega**2") from error
-    found: dict[str, None] = {}
-    _check(tree.body, text, where, found)
-    return [name for name in found if name not in CONSTANTS]
+    used_names: dict[str, None] = {}
+    _check(tree.body, text, where, used_names)
+    return [name for name in used_names if name not in CONSTANTS]
 
 
 def value(text: str, columns: Mapping[str, np.ndarray], where: object) -> np.ndarray:
@@ -55,9 +55,9 @@ def value(text: str, columns: Mapping[str, np.ndarray], where: object) -> np.nda
             raise InputError(where, f"'{text}' names '{name}'", f"known: {', '.join(columns)}")
     shape = next(iter(columns.values())).shape
     with np.errstate(all="ignore"):
-        found = np.asarray(_value(ast.parse(text.strip(), mode="eval").body, columns), dtype=float)
-    found = np.broadcast_to(found, shape)
-    return np.where(np.isfinite(found), found, np.nan)
+        values = np.asarray(_value(ast.parse(text.strip(), mode="eval").body, columns), dtype=float)
+    values = np.broadcast_to(values, shape)
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _check(node: ast.AST, text: str, where: object, found: dict[str, None]) -> None:
@@ -75,8 +75,8 @@ def _check(node: ast.AST, text: str, where: object, found: dict[str, None]) -> N
         inside = [node.operand]
     elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         if node.func.id not in FUNCTIONS:
-            known = ", ".join(FUNCTIONS)
-            raise InputError(where, f"'{text}' calls '{node.func.id}'", f"functions: {known}")
+            listed = ", ".join(FUNCTIONS)
+            raise InputError(where, f"'{text}' calls '{node.func.id}'", f"functions: {listed}")
         wanted = 2 if node.func.id in ("arctan2", "hypot", "minimum", "maximum") else 1
         if len(node.args) != wanted:
             raise InputError(where, f"'{text}' gives {node.func.id} {len(node.args)} arguments", f"give {wanted}")
@@ -84,8 +84,8 @@ def _check(node: ast.AST, text: str, where: object, found: dict[str, None]) -> N
     if inside is None:
         what = ast.unparse(node)[:60]
         raise InputError(where, f"'{text}' has '{what}'", f"only + - * / **, numbers, columns, {', '.join(FUNCTIONS)}")
-    for one in inside:
-        _check(one, text, where, found)
+    for child in inside:
+        _check(child, text, where, found)
 
 
 def _value(node: ast.AST, columns: Mapping[str, np.ndarray]) -> np.ndarray | float:

@@ -102,18 +102,20 @@ def on_grid(trajectories: Sequence[Rows], settings: MeasurementSettings) -> Grid
     """
     median = own_step(trajectories)
     make = {"mask": _of_rows, "interpolate": _interpolated, "own": _at_own_times}[settings.uneven]
-    found = make(trajectories, settings, median)
-    usual = found.row_s if settings.uneven == "mask" else median
-    longest = (settings.longest_gap + 1.5) * usual / found.row_s
-    return replace(found, series=[replace(one, usable=_without_gaps(one, longest)) for one in found.series])
+    grid = make(trajectories, settings, median)
+    usual = grid.row_s if settings.uneven == "mask" else median
+    longest = (settings.longest_gap + 1.5) * usual / grid.row_s
+    return replace(
+        grid, series=[replace(trajectory, usable=_without_gaps(trajectory, longest)) for trajectory in grid.series]
+    )
 
 
 def _without_gaps(one: Series, longest: float) -> np.ndarray:
     """The usable points but for those of long gaps: rows in which nothing was measured are as good as missing."""
-    known = np.concatenate(([-1], np.flatnonzero(np.isfinite(one.y).any(1)), [len(one.y)]))
+    measured_at = np.concatenate(([-1], np.flatnonzero(np.isfinite(one.y).any(1)), [len(one.y)]))
     usable = one.usable.copy()
-    for place in np.flatnonzero(np.diff(known) > longest):
-        usable[known[place] + 1 : known[place + 1]] = False
+    for place in np.flatnonzero(np.diff(measured_at) > longest):
+        usable[measured_at[place] + 1 : measured_at[place + 1]] = False
     return usable
 
 
@@ -123,22 +125,22 @@ def _of_rows(trajectories: Sequence[Rows], settings: MeasurementSettings, median
     step = 1 if settings.step_s is None else round(settings.step_s / row_s)
     if settings.step_s is not None:
         if step < 1 or abs(settings.step_s / row_s - step) > 0.01 * step:
-            found = f"found {settings.step_s:g}, rows are {row_s:.6g} s apart"
-            raise InputError(f"{WHERE}.step_s", found, "give a multiple of that, or set uneven to interpolate")
+            problem = f"found {settings.step_s:g}, rows are {row_s:.6g} s apart"
+            raise InputError(f"{WHERE}.step_s", problem, "give a multiple of that, or set uneven to interpolate")
         row_s = settings.step_s / step
     series, broken = [], 0
-    for one in trajectories:
-        made, off = _placed(one, row_s, settings)
+    for rows in trajectories:
+        made, off = _placed(rows, row_s, settings)
         series.append(made)
         broken += off
-    on = 1 - broken / max(sum(len(one.t) - 1 for one in trajectories), 1)
-    filled = np.concatenate([one.row[one.usable] >= 0 for one in series])
+    on = 1 - broken / max(sum(len(trajectory.t) - 1 for trajectory in trajectories), 1)
+    filled = np.concatenate([trajectory.row[trajectory.usable] >= 0 for trajectory in series])
     return Grid(series, row_s, step, broken, None, lying=min(on, float(filled.mean()) if on == 1 else on))
 
 
 def own_step(trajectories: Sequence[Rows]) -> float:
     """The usual time from row to row in s: the median over all trajectories."""
-    steps = np.concatenate([np.diff(one.t) for one in trajectories])
+    steps = np.concatenate([np.diff(rows.t) for rows in trajectories])
     if not len(steps):
         raise InputError(f"{WHERE}.time", "every trajectory has one row", "name the trajectory column, or none")
     return float(np.median(steps))
@@ -146,7 +148,7 @@ def own_step(trajectories: Sequence[Rows]) -> float:
 
 def fitted(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> float:
     """The step in s that fits the rows best: the usual one or, where many rows are missing, a part of it."""
-    steps = np.concatenate([np.diff(one.t) for one in trajectories]) / median
+    steps = np.concatenate([np.diff(rows.t) for rows in trajectories]) / median
 
     def on(parts: int) -> np.ndarray:
         whole = np.rint(steps * parts)
@@ -159,11 +161,11 @@ def fitted(trajectories: Sequence[Rows], settings: MeasurementSettings, median: 
         parts = parts if on(parts).mean() >= WELL else 1
     good, whole = on(parts), np.rint(steps * parts)
     if good.mean() < FITTING:
-        found = (
+        problem = (
             f"times from row to row are {median * steps.min():.3g} to {median * steps.max():.3g} s, usually "
             f"{median:.3g}: {100 * (1 - good.mean()):.0f} % lie more than {settings.tolerance:g} of that off a grid"
         )
-        raise InputError(f"{WHERE}.time", found, "set uneven to own or interpolate, or a larger tolerance")
+        raise InputError(f"{WHERE}.time", problem, "set uneven to own or interpolate, or a larger tolerance")
     return rounded(median * steps[good].sum() / whole[good].sum())
 
 
@@ -253,8 +255,8 @@ def _at_own_times(trajectories: Sequence[Rows], settings: MeasurementSettings, m
     """Rows at the nearest points of a finer grid, ``step_s`` apart, or a tenth of the usual time from row to row."""
     step_s = rounded(median / 10) if settings.step_s is None else settings.step_s
     if step_s > median:
-        found = f"found {step_s:g}, rows are usually {median:.6g} s apart"
-        raise InputError(f"{WHERE}.step_s", found, "with uneven: own it is how exact times are kept: give less")
+        problem = f"found {step_s:g}, rows are usually {median:.6g} s apart"
+        raise InputError(f"{WHERE}.step_s", problem, "with uneven: own it is how exact times are kept: give less")
     series, moved = [], 0.0
     for rows in trajectories:
         gaps = np.diff(rows.t)
@@ -266,8 +268,10 @@ def _at_own_times(trajectories: Sequence[Rows], settings: MeasurementSettings, m
         shared = ~ends & (steps < 1)
         if shared.any():
             first = int(np.argmax(shared))
-            found = f"found {step_s:g}: rows {rows.line[first]} and {rows.line[first + 1]} of {rows.name} share a point"
-            raise InputError(f"{WHERE}.step_s", found, f"give less than {gaps[~ends].min():.3g}")
+            problem = (
+                f"found {step_s:g}: rows {rows.line[first]} and {rows.line[first + 1]} of {rows.name} share a point"
+            )
+            raise InputError(f"{WHERE}.step_s", problem, f"give less than {gaps[~ends].min():.3g}")
         row, usable = _points(steps, ends)
         made = _series(rows, row, usable)
         last = np.maximum.accumulate(np.where(row >= 0, np.arange(len(row)), 0))
@@ -282,8 +286,8 @@ def _resampled(rows: Rows, own: slice, step_s: float, near: float) -> tuple[np.n
     at = t[0] + step_s * np.arange(int((t[-1] - t[0]) / step_s + 1e-6) + 1)
     y = np.full((len(at), rows.y.shape[1]), np.nan)
     for k, values in enumerate(rows.y[own].T):
-        known = np.isfinite(values)
-        y[:, k] = _spline(t[known], values[known], at, near)
+        present = np.isfinite(values)
+        y[:, k] = _spline(t[present], values[present], at, near)
     after = np.clip(np.searchsorted(t, at), 0, len(t) - 1)
     before = np.clip(after - 1, 0, len(t) - 1)
     row = np.where(np.abs(t[after] - at) < np.abs(at - t[before]), after, before) + own.start
@@ -294,13 +298,13 @@ def _spline(t: np.ndarray, values: np.ndarray, at: np.ndarray, near: float) -> n
     """Cubic spline at times, NaN where the known values on its two sides lie farther apart than 2 ``near``."""
     from scipy.interpolate import make_interp_spline
 
-    found = np.full(len(at), np.nan)
+    interpolated = np.full(len(at), np.nan)
     if len(t) < 2:
-        return found
+        return interpolated
     place = np.clip(np.searchsorted(t, at, side="right"), 1, len(t) - 1)
     inside = (at >= t[0] - 1e-9) & (at <= t[-1] + 1e-9) & (t[place] - t[place - 1] <= 2 * near)
-    found[inside] = make_interp_spline(t, values, k=min(3, len(t) - 1))(at[inside])
-    return found
+    interpolated[inside] = make_interp_spline(t, values, k=min(3, len(t) - 1))(at[inside])
+    return interpolated
 
 
 def _lines(rows: Rows, at: np.ndarray, near: float) -> np.ndarray:
@@ -316,8 +320,8 @@ def _left_out(t: np.ndarray, y: np.ndarray, near: float) -> tuple[np.ndarray, np
     """Squared errors and how many (K,), where every other row is found from the rest."""
     squares, counts = np.zeros(y.shape[1]), np.zeros(y.shape[1])
     for k, values in enumerate(y.T):
-        known = np.flatnonzero(np.isfinite(values))
-        rest, out = known[::2], known[1::2]
+        places = np.flatnonzero(np.isfinite(values))
+        rest, out = places[::2], places[1::2]
         if len(rest) > 3:
             error = _spline(t[rest], values[rest], t[out], near) - values[out]
             error = error[np.isfinite(error)]

@@ -110,24 +110,24 @@ def guess(
         if name is not None and name not in table.names:
             raise InputError(option, f"no column '{name}'", f"its columns are {', '.join(table.names)}")
     trajectory = trajectory or _trajectory(numbers, table)
-    found = time or _time(numbers, table, trajectory)
-    date = date or _date(table, found)
-    taken = (found, trajectory, date)
+    time_name = time or _time(numbers, table, trajectory)
+    date = date or _date(table, time_name)
+    taken = (time_name, trajectory, date)
     rest = {name: values for name, values in numbers.items() if name not in taken}
-    given = units or {}
-    for name in given:
+    known_units = units or {}
+    for name in known_units:
         if name not in table.names:
             raise InputError("--unit", f"no column '{name}'", f"its columns are {', '.join(table.names)}")
-    moments = found not in numbers or date is not None or time_format is not None
+    moments = time_name not in numbers or date is not None or time_format is not None
     if moments and date is None and time_format is None:
-        _refuse_two_readings(table, found)
-    of_time = Column(name=found, unit="datetime" if moments else unit_of(found, table, "s", given))
+        _refuse_two_readings(table, time_name)
+    of_time = Column(name=time_name, unit="datetime" if moments else unit_of(time_name, table, "s", known_units))
     unread = [name for name in table.names if name not in (*taken, *numbers) and not _is_empty(table, name)]
     if names is None:
         each = {_plain_name(name): Column(name=name) for name in rest}
         return Guess(of_time, trajectory, each, set(rest), [], unread, [], date)
     still = _still(rest, table, trajectory)
-    columns, certain = _components(list(rest), table, names, given, still)
+    columns, certain = _components(list(rest), table, names, known_units, still)
     left = [name for name in rest if name not in {column.name for column in columns.values()}]
     return Guess(of_time, trajectory, columns, certain, left, unread, still, date)
 
@@ -141,14 +141,14 @@ def _still(rest: Mapping[str, np.ndarray], table: Table, trajectory: str | None)
         groups = np.unique(table.texts(trajectory).astype(str), return_inverse=True)[1]
     order = np.argsort(groups, kind="stable")
     begins = np.flatnonzero(np.diff(groups[order], prepend=-1))
-    found = []
+    still = []
     for name, values in rest.items():
         ranged = values[order]
         low, high = (f.reduceat(ranged, begins) for f in (np.fmin, np.fmax))
         several = np.add.reduceat(np.isfinite(ranged).astype(int), begins) > 1
         if several.any() and (low == high)[several].all():
-            found.append(name)
-    return found if len(found) < len(rest) else []
+            still.append(name)
+    return still if len(still) < len(rest) else []
 
 
 def _is_empty(table: Table, name: str) -> bool:
@@ -160,8 +160,8 @@ def _is_empty(table: Table, name: str) -> bool:
 def _refuse_two_readings(table: Table, name: str) -> None:
     cells = table.cells[name]
     if cells.dtype.kind in "OU" and may_be_minutes(cells):
-        found = f"column '{name}': '{cells[0]}' may be hours and minutes, or minutes and seconds"
-        raise InputError(table.path, found, "say which: --set time_format=%H:%M or --set time_format=%M:%S")
+        problem = f"column '{name}': '{cells[0]}' may be hours and minutes, or minutes and seconds"
+        raise InputError(table.path, problem, "say which: --set time_format=%H:%M or --set time_format=%M:%S")
 
 
 def unit_of(name: str, table: Table, to: str, given: Mapping[str, str]) -> str | None:
@@ -186,8 +186,8 @@ def unit_of(name: str, table: Table, to: str, given: Mapping[str, str]) -> str |
     remedy = f"say which unit it is: --unit '{name}={to or 1}'"
     if unit is None:
         raise InputError(table.path, f"column '{name}': the unit '{header.unit}' is not understood", remedy)
-    found = f"column '{name}': '{header.unit}' is a unit of {unit.kind}, {to or 'a pure number'} is expected"
-    raise InputError(table.path, found, remedy if own else f"{remedy}; '{to}' is not known")
+    problem = f"column '{name}': '{header.unit}' is a unit of {unit.kind}, {to or 'a pure number'} is expected"
+    raise InputError(table.path, problem, remedy if own else f"{remedy}; '{to}' is not known")
 
 
 def _bare(name: str) -> str:
@@ -208,8 +208,8 @@ def _time(numbers: Mapping[str, np.ndarray], table: Table, trajectory: str | Non
         return dates[0]
     parts = [name for name, values in numbers.items() if name != trajectory and _is_of_time(name, values)]
     if len(parts) > 1:
-        found = f"'{parts[0]}' and '{parts[1]}' are parts of the time, or times of several kinds"
-        raise InputError(table.path, found, "join them in one column, or name the time by --time")
+        problem = f"'{parts[0]}' and '{parts[1]}' are parts of the time, or times of several kinds"
+        raise InputError(table.path, problem, "join them in one column, or name the time by --time")
     for name, values in numbers.items():
         steps = np.diff(values)
         if name != trajectory and len(steps) and np.isfinite(values).all() and (steps > 0).mean() > 0.9:
@@ -260,27 +260,27 @@ def _components(
     ``still`` by names alone."""
     scores = sorted(
         ((_likeness(component, column), component, column) for component in names.state for column in rest),
-        key=lambda one: -one[0],
+        key=lambda match: -match[0],
     )
-    found: dict[str, str] = {}
+    matches: dict[str, str] = {}
     for score, component, column in scores:
-        if score >= ALIKE and component not in found and column not in found.values():
-            found[component] = column
+        if score >= ALIKE and component not in matches and column not in matches.values():
+            matches[component] = column
     for component, unit in names.state.items():  # a column called deg/s, or one of its kind alone
-        if component not in found:
-            free = [c for c in rest if c not in found.values() and c not in still]
+        if component not in matches:
+            free = [c for c in rest if c not in matches.values() and c not in still]
             fitting = [c for c in free if _told(c, table).fits(unit) and unit]
             if len(fitting) == 1:
-                found[component] = fitting[0]
-    certain = set(found)
-    free = [column for column in rest if column not in found.values() and column not in still]
+                matches[component] = fitting[0]
+    certain = set(matches)
+    free = [column for column in rest if column not in matches.values() and column not in still]
     for component in names.state:
-        if component not in found and free and not certain:
-            found[component] = free.pop(0)
+        if component not in matches and free and not certain:
+            matches[component] = free.pop(0)
     columns = {
-        component: Column(name=found[component], unit=unit_of(found[component], table, unit, given))
+        component: Column(name=matches[component], unit=unit_of(matches[component], table, unit, given))
         for component, unit in names.state.items()
-        if component in found
+        if component in matches
     }
     check_half_told(table, columns, names.state, "--unit '{column}={unit}'")
     return columns, certain
@@ -299,11 +299,13 @@ def _likeness(component: str, column: str) -> float:
         return 0.0
     number = re.sub(r".*?(\d*)$", r"\1", component)
     others = ALSO.get(component, ALSO.get(re.sub(r"\d+$", "", component), ()))
-    candidates = [component.lower(), *(f"{one}{number}".lower() for one in others)]
-    best = max(difflib.SequenceMatcher(None, one, bare).ratio() for one in candidates)
+    candidates = [component.lower(), *(f"{other}{number}".lower() for other in others)]
+    best = max(difflib.SequenceMatcher(None, candidate, bare).ratio() for candidate in candidates)
     if bare in candidates or bare.replace(" ", "") in candidates:
         return 2.0 if bare == component.lower() else 1.5
     ends = re.search(r"\d+$", bare)
     if (ends[0] if ends else "") != number or len(bare) < 3:
         return 0.0
-    return max(best, 0.9 if any(len(one) > 2 and f" {one} " in f" {bare} " for one in candidates) else 0.0)
+    return max(
+        best, 0.9 if any(len(candidate) > 2 and f" {candidate} " in f" {bare} " for candidate in candidates) else 0.0
+    )

@@ -51,13 +51,13 @@ def long_set(data: Measured, name: str) -> Trajectories:
     rows = candidates(long, labels)[split]
     if len(rows):
         return trajectories_of(long, thinned(rows, MOST_LONG))
-    runs = [run for one in labels for run in stretches(one == SPLITS.index(split))]
+    runs = [run for label in labels for run in stretches(label == SPLITS.index(split))]
     longest = max(((b - a - 1) * data.grid.row_s for a, b in runs), default=0.0)
-    found, remedy = (
+    problem, remedy = (
         f"no {split} chunk of {seconds:g} s",
         f"give longer {source.series}, or shorter horizons_s ([] for none)",
     )
     if longest < seconds:
-        raise InputError(here, f"{found}: the longest stretch of its {source.points} lasts {longest:.2g} s", remedy)
+        raise InputError(here, f"{problem}: the longest stretch of its {source.points} lasts {longest:.2g} s", remedy)
     remedy = "give a smaller min_seen, or shorter horizons_s ([] for none)"
-    raise InputError(here, f"{found} has {options.min_seen:g} of its values measured", remedy)
+    raise InputError(here, f"{problem} has {options.min_seen:g} of its values measured", remedy)

@@ -95,15 +95,15 @@ class Inspection:
 
     def _leave_out(self, marks: Mapping[float, str]) -> None:
         """Take numbers that stand for nothing measured, and the column of each, out of the columns."""
-        told = ", ".join(f"{mark:.10g} (in '{name}')" for mark, name in marks.items())
-        self.remarks.append(f"taken for marks of what was not measured (missing): {told}; if not: --set missing=[]")
+        listed = ", ".join(f"{mark:.10g} (in '{name}')" for mark, name in marks.items())
+        self.remarks.append(f"taken for marks of what was not measured (missing): {listed}; if not: --set missing=[]")
         self._marks += [mark for mark in marks if mark not in self._marks]
         self.keys["missing"] = self._marks
         self.table = replace(self.table, keys=self.table.keys.model_copy(update={"missing": self._marks}))
 
     def _read(self, paths: list[str]) -> tuple[MeasurementSettings, Measured]:
         """The strictest settings that read the files."""
-        given: dict[str, object] = {
+        keys: dict[str, object] = {
             **{k: v for k, v in self.given.items() if k not in TableKeys.model_fields},
             **self.keys,
             "paths": paths,
@@ -116,14 +116,14 @@ class Inspection:
             "min_chunks": 1,
         }
         if self.guess.date is not None:
-            given["date"] = self.guess.date
+            keys["date"] = self.guess.date
         mends = [
             ({"unordered": "sort"}, "goes back", "rows are not in order of time"),
             ({"duplicates": "mean"}, "another row has its time", "rows of one time differ"),
             ({"uneven": "own"}, "off a grid", "the rows' times fit no grid"),
         ]
         while True:
-            settings = MeasurementSettings.from_mapping(given)
+            settings = MeasurementSettings.from_mapping(keys)
             try:
                 data = self._without_marks(settings)
                 settings = data.settings
@@ -133,17 +133,17 @@ class Inspection:
                     raise
                 self._check_order(settings, "duplicates" in mend[0])
                 mends.remove(mend)
-                given |= mend[0]
+                keys |= mend[0]
                 self.remarks.append(f"{mend[2]}: {error.found}" if "uneven" in mend[0] else mend[2])
                 if "uneven" in mend[0]:
-                    given |= self._finest_step()
+                    keys |= self._finest_step()
                 continue
             said = told_uneven(data.grid)
             if said:
                 self.remarks.append(said)
-            if data.grid.lying >= (ON if data.grid.broken else LYING) or "uneven" in given or self.names.held:
+            if data.grid.lying >= (ON if data.grid.broken else LYING) or "uneven" in keys or self.names.held:
                 return self._with_fewer_seen(data)
-            given |= {"uneven": "own"} | self._finest_step()
+            keys |= {"uneven": "own"} | self._finest_step()
 
     def _without_marks(self, settings: MeasurementSettings) -> Measured:
         """What these settings read, without what a column of any of the files has in place of measured numbers."""
@@ -152,8 +152,8 @@ class Inspection:
                 return measured(settings, self.names, {self.files[0]: self.table})
             except sensors.Marked as error:
                 self._leave_out(error.marks)
-                given = settings.model_dump(exclude_unset=True) | {"missing": self._marks}
-                settings = MeasurementSettings.from_mapping(given)
+                keys = settings.model_dump(exclude_unset=True) | {"missing": self._marks}
+                settings = MeasurementSettings.from_mapping(keys)
 
     def _with_fewer_seen(self, data: Measured) -> tuple[MeasurementSettings, Measured]:
         """The same with a ``min_seen`` that the most complete chunks have, where sensors have rates of their own."""
@@ -162,8 +162,8 @@ class Inspection:
         if total >= data.settings.min_seen or "min_seen" in self.given:
             return data.settings, data
         least = float(f"{0.9 * total:.1g}")
-        told = ", ".join(f"{name} in {100 * share:.0f} %" for name, share in shares.items())
-        self.remarks.append(f"measured is {told} of the rows: min_seen is {least:g}")
+        listed = ", ".join(f"{name} in {100 * share:.0f} %" for name, share in shares.items())
+        self.remarks.append(f"measured is {listed} of the rows: min_seen is {least:g}")
         settings = data.settings.model_copy(update={"min_seen": least})
         return settings, replace(data, settings=settings)
 
@@ -207,39 +207,43 @@ class Inspection:
             if name not in self.settings.columns:
                 continue
             column = column_of(self.settings.columns[name]).name
-            of_files = {one.rows.path: one.rows for one in self.data.grid.series}
+            of_files = {trajectory.rows.path: trajectory.rows for trajectory in self.data.grid.series}
             for path in of_files:
-                values = np.concatenate([one.rows.y[:, k] for one in self.data.grid.series if one.rows.path == path])
+                values = np.concatenate(
+                    [trajectory.rows.y[:, k] for trajectory in self.data.grid.series if trajectory.rows.path == path]
+                )
                 where = f" in {path.name}" if len(of_files) > 1 else ""
                 if stuck := sensors.rows_stuck(values):
-                    told = f"'{column}' stays at {stuck[1]:.6g}, an end of its range{where}, for up to {stuck[0]} rows"
-                    self.remarks.append(f"{told}: if its sensor is saturated there, leave these cells empty")
+                    remark = (
+                        f"'{column}' stays at {stuck[1]:.6g}, an end of its range{where}, for up to {stuck[0]} rows"
+                    )
+                    self.remarks.append(f"{remark}: if its sensor is saturated there, leave these cells empty")
 
     def _angles(self) -> list[str]:
         """Components that jump by whole turns."""
         if "angles" in self.given:
             return []
-        found = []
+        angles = []
         for k, name in enumerate(self.names.state):
             if name not in self.settings.columns:
                 continue
-            series, unit = [one.rows.y[:, k] for one in self.data.grid.series], self.names.state[name]
+            series, unit = [trajectory.rows.y[:, k] for trajectory in self.data.grid.series], self.names.state[name]
             if unit == "rad" and sensors.jumps_by_turns(series, math.pi):
-                told = f"{name} stays within half a turn and jumps from end to end, as the direction of a rod does"
-                self.remarks.append(f"{told}: make it continuous, or give the direction of one of its ends")
+                remark = f"{name} stays within half a turn and jumps from end to end, as the direction of a rod does"
+                self.remarks.append(f"{remark}: make it continuous, or give the direction of one of its ends")
             elif unit in ("rad", "") and sensors.jumps_by_turns(series):
-                found.append(name)
+                angles.append(name)
                 self.remarks.append(f"{name} jumps by whole turns: it is unwrapped (angles)")
             elif unit == "" and sensors.jumps_by_turns(series, 360.0):
-                told = f"'{name}' jumps by 360, as an angle in degrees does"
-                self.remarks.append(f"{told}: name a system that has it in rad (--system), and angles takes them out")
-        return found
+                remark = f"'{name}' jumps by 360, as an angle in degrees does"
+                self.remarks.append(f"{remark}: name a system that has it in rad (--system), and angles takes them out")
+        return angles
 
     def lines(self) -> Iterator[str]:
         """What a reader wants to know, line by line."""
-        grid, rows = self.data.grid, [one.rows for one in self.data.grid.series]
-        counts = [len(one.t) for one in rows]
-        spans = [float(one.t[-1] - one.t[0]) for one in rows]
+        grid, rows = self.data.grid, [trajectory.rows for trajectory in self.data.grid.series]
+        counts = [len(trajectory.t) for trajectory in rows]
+        spans = [float(trajectory.t[-1] - trajectory.t[0]) for trajectory in rows]
         yield f"{_count(len(self.files), 'file')}, {_count(len(rows), 'trajectory')}, {_count(sum(counts), 'row')}"
         yield f"columns: {', '.join(self.table.names)}"
         unit = self.guess.time.unit or "s is assumed: no unit is given"
@@ -249,18 +253,18 @@ class Inspection:
         rows_each = _range(*(f"{of(counts)}" for of in (min, max)))
         yield f"rows per trajectory: {rows_each}, over {_range(*(f'{of(spans):.4g}' for of in (min, max)))} s"
         yield f"step: {grid.row_s:.6g} s ({1 / grid.row_s:.6g} Hz)"
-        gaps = np.concatenate([np.diff(one.t) for one in rows]) / grid.row_s
+        gaps = np.concatenate([np.diff(trajectory.t) for trajectory in rows]) / grid.row_s
         long = gaps[gaps > 1.5]
         if len(long):
             missing = _count(round(long.max()) - 1, "missing row")
             yield f"gaps: {len(long)}, up to {long.max() * grid.row_s:.4g} s ({missing})"
-        if repeated := sum(one.repeated for one in rows):
+        if repeated := sum(trajectory.repeated for trajectory in rows):
             yield f"rows whose time another row has too: {repeated}"
         yield from self.remarks
-        yield from (one.says(self.settings) for one in self.slopes)
+        yield from (mismatch.says(self.settings) for mismatch in self.slopes)
         for k, name in enumerate(self.names.state):
             if name in self.settings.columns:
-                yield self._component(k, name, np.concatenate([one.y[:, k] for one in rows]))
+                yield self._component(k, name, np.concatenate([trajectory.y[:, k] for trajectory in rows]))
         yield from self._told_still()
         if self.guess.left:
             yield f"not used: {', '.join(self.guess.left)}"
@@ -270,21 +274,21 @@ class Inspection:
     def _told_still(self) -> Iterator[str]:
         """What is said of columns that do not change along any trajectory."""
         if left := [name for name in self.guess.still if name in self.guess.left]:
-            told = f"the same in all rows of a trajectory, so no component: {', '.join(left)}"
-            yield f"{told}; what the system knows of it belongs under inputs (a covariate) or z_e (a parameter)"
+            remark = f"the same in all rows of a trajectory, so no component: {', '.join(left)}"
+            yield f"{remark}; what the system knows of it belongs under inputs (a covariate) or z_e (a parameter)"
         for name, column in self.settings.columns.items():
             if column_of(column).name in self.guess.still:
-                told = f"{name} is the same in all rows of a trajectory, as if it had been measured not to move"
-                yield f"{told}: if it is known at the first of them alone, leave the other cells empty"
+                remark = f"{name} is the same in all rows of a trajectory, as if it had been measured not to move"
+                yield f"{remark}: if it is known at the first of them alone, leave the other cells empty"
 
     def _component(self, k: int, name: str, values: np.ndarray) -> str:
-        known, noise = values[np.isfinite(values)], self.noise[k]
+        finite, noise = values[np.isfinite(values)], self.noise[k]
         column = column_of(self.settings.columns[name])
         unit = f" {self.names.state[name]}".rstrip()
-        text = f"{name} (column '{column.name}'): {known.min():.4g} to {known.max():.4g}{unit}"
+        text = f"{name} (column '{column.name}'): {finite.min():.4g} to {finite.max():.4g}{unit}"
         if self.names.state[name] and column.unit is None:
             text += " (assumed: no unit is given)"
-        text += f", {len(values) - len(known)} empty cells" if len(known) < len(values) else ""
+        text += f", {len(values) - len(finite)} empty cells" if len(finite) < len(values) else ""
         if np.isfinite(self.resolution[k]):
             text += f", noise at least {noise:.2g}{unit}, from steps of {self.resolution[k]:.4g}{unit} (step / √12)"
         elif np.isfinite(noise):
@@ -304,9 +308,9 @@ class Inspection:
             figure = plotting.new_figure(0.6 + 1.5 * len(shown))
             axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
             for axis, k in zip(axes, shown, strict=True):
-                for one in series:
-                    t, y = one.rows.t[:POINTS], one.rows.y[:POINTS, k]
-                    axis.plot(t - one.rows.t[0], y, linewidth=0.6, marker=".", markersize=2)
+                for trajectory in series:
+                    t, y = trajectory.rows.t[:POINTS], trajectory.rows.y[:POINTS, k]
+                    axis.plot(t - trajectory.rows.t[0], y, linewidth=0.6, marker=".", markersize=2)
                 name = list(self.names.state)[k]
                 axis.set_ylabel(plotting.quantity(name, self.names.state[name]))
             of_all = len(self.data.grid.series)

@@ -80,8 +80,8 @@ def recognise(path: Path, given: Mapping[str, object] | None = None) -> Layout:
             keys["names"] = [f"c{k}" for k in range(1, count_cells(path, TableKeys.from_mapping(keys)) + 1)]
         if "thousands" not in keys and (marks := _thousands(read(head_of))):
             keys = {"thousands": marks.thousands, "decimal": marks.decimal} | keys
-            told = f"'{marks.thousands}' is taken for what separates thousands, as in {marks.example}"
-            remarks.append(f"{told}; if it begins a fraction: --set thousands=null")
+            remark = f"'{marks.thousands}' is taken for what separates thousands, as in {marks.example}"
+            remarks.append(f"{remark}; if it begins a fraction: --set thousands=null")
     table = read(read_table)
     if "decimal" not in keys and any(_has_commas(cells) for cells in table.cells.values()):
         keys["decimal"] = ","

@@ -22,35 +22,35 @@ def noise_of(series: Sequence[np.ndarray]) -> np.ndarray:
     """
     columns = series[0].shape[1] if series else 0
     weights = _residual_weights(np.arange(WIDTH) - WIDTH // 2)
-    found = []
+    deviations = []
     for k in range(columns):
         parts = []
-        for one in series:
-            for start, stop in stretches(np.isfinite(one[:, k])):
+        for values in series:
+            for start, stop in stretches(np.isfinite(values[:, k])):
                 if stop - start >= WIDTH:
-                    parts.append(np.convolve(one[start:stop, k], weights[::-1], "valid"))
+                    parts.append(np.convolve(values[start:stop, k], weights[::-1], "valid"))
         # The median does not mind single jumps; 1.4826 of it is a Gaussian's standard deviation.
         residuals = np.concatenate(parts) if parts else np.array([np.nan])
-        found.append(1.4826 * float(np.median(np.abs(residuals))) / float(np.sqrt((weights**2).sum())))
-    return np.array(found)
+        deviations.append(1.4826 * float(np.median(np.abs(residuals))) / float(np.sqrt((weights**2).sum())))
+    return np.array(deviations)
 
 
 def noise_of_rows(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     """The same of rows at uneven times: t (n,) and values (n, K) of each trajectory."""
     columns = series[0][1].shape[1] if series else 0
-    found = []
+    deviations = []
     for k in range(columns):
         parts = [np.array([np.nan])[:0]]
         for t, values in series:
-            known = np.isfinite(values[:, k])
-            if known.sum() >= WIDTH:
-                at, own = sliding_window_view(t[known], WIDTH), sliding_window_view(values[known, k], WIDTH)
+            present = np.isfinite(values[:, k])
+            if present.sum() >= WIDTH:
+                at, own = sliding_window_view(t[present], WIDTH), sliding_window_view(values[present, k], WIDTH)
                 near = np.diff(at).max(1) <= FARTHEST * np.median(np.diff(t))
                 weights = _residual_weights((at - at[:, WIDTH // 2, None])[near])
                 parts.append((weights * own[near]).sum(1) / np.sqrt((weights**2).sum(1)))
         residuals = np.concatenate(parts)
-        found.append(1.4826 * float(np.median(np.abs(residuals))) if len(residuals) else np.nan)
-    return np.array(found)
+        deviations.append(1.4826 * float(np.median(np.abs(residuals))) if len(residuals) else np.nan)
+    return np.array(deviations)
 
 
 def _residual_weights(x: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ def list_files(paths: str | Sequence[str], where: str = "data.files.paths") -> l
     Raises:
         InputError: a name or a glob finds nothing, a file is of a kind that is not read, or there are too many.
     """
-    found: dict[Path, None] = {}
+    files: dict[Path, None] = {}
     for path in [paths] if isinstance(paths, str) else paths:
         several = [Path(path)] if Path(path).is_file() else []
         several = several or [Path(p) for p in glob.glob(path, recursive=True) if Path(p).is_file()]  # noqa: PTH207
@@ -29,13 +29,13 @@ def list_files(paths: str | Sequence[str], where: str = "data.files.paths") -> l
             raise InputError(where, f"'{path}' is a folder", f"name its files, as {Path(path) / '*.csv'}")
         if not several:
             raise InputError(where, f"no file at '{path}'", f"relative paths start at {Path.cwd()}")
-        found |= dict.fromkeys(several)
-    for path in found:
+        files |= dict.fromkeys(several)
+    for path in files:
         if path.suffix.lower() not in SUFFIXES:
             raise InputError(where, f"'{path}' ends in '{path.suffix}'", f"tables are {', '.join(SUFFIXES)}")
-    if len(found) > MOST:
-        raise InputError(where, f"{len(found)} files", f"at most {MOST} can be used")
-    return sorted(found, key=lambda path: natural_key(str(path)))
+    if len(files) > MOST:
+        raise InputError(where, f"{len(files)} files", f"at most {MOST} can be used")
+    return sorted(files, key=lambda path: natural_key(str(path)))
 
 
 def natural_key(name: str) -> list[tuple[int, int, str]]:
@@ -53,13 +53,13 @@ def read_checksums(path: str | Path, where: str) -> dict[str, str]:
         lines = Path(path).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(where, f"'{path}' cannot be read ({error})", "name what sha256sum wrote") from error
-    found = {}
+    checksums = {}
     for number, line in enumerate(lines, 1):
         match = CHECKSUM.fullmatch(line)
         if match is None:
             raise InputError(where, f"'{path}', line {number}: '{line}'", "expected a SHA-256 and a file's name")
-        found[Path(match[2]).name] = match[1].lower()
-    return found
+        checksums[Path(match[2]).name] = match[1].lower()
+    return checksums
 
 
 def verify(files: Sequence[Path], checksums: str | Path, where: str = "data.files.checksums") -> None:
@@ -68,9 +68,9 @@ def verify(files: Sequence[Path], checksums: str | Path, where: str = "data.file
     Raises:
         InputError: a file has no line, or other bytes.
     """
-    known = read_checksums(checksums, where)
+    expected = read_checksums(checksums, where)
     for file in files:
-        if file.name not in known:
+        if file.name not in expected:
             raise InputError(where, f"'{checksums}' has no line for {file.name}", "add it with sha256sum")
-        if (found := sha256(file)) != known[file.name]:
-            raise InputError(file, f"SHA-256 is {found}", f"{known[file.name]} expected: copy the file again")
+        if (digest := sha256(file)) != expected[file.name]:
+            raise InputError(file, f"SHA-256 is {digest}", f"{expected[file.name]} expected: copy the file again")

@@ -121,12 +121,12 @@ def proposal(
 def _sharing(found: Inspection, constants: Sequence[str]) -> list[str]:
     """What windows share: of one or two trajectories a value for all, of more a value each, which may be the same.  Of
     three of them one trains, which has no distribution."""
-    scales = {one.rate: {"scale": "shared"} for one in found.slopes if one.may_be_scale}
+    scales = {mismatch.rate: {"scale": "shared"} for mismatch in found.slopes if mismatch.may_be_scale}
     sensors = [f"      sensors: {flow(scales)}"] if scales else []
     if len(found.data.grid.series) < FEWEST:
         units = flow(dict.fromkeys(constants, "shared"))
-        told = "one value for all windows of one apparatus; if there are several, write window"
-        return ["    refinement:", f"      units: {units}  # {told}", *sensors]
+        remark = "one value for all windows of one apparatus; if there are several, write window"
+        return ["    refinement:", f"      units: {units}  # {remark}", *sensors]
     units, population = (flow(dict.fromkeys(constants, word)) for word in ("trajectory", "normal"))
     blocks = ["    refinement:", f"      units: {units}  # one value each; if all are of one apparatus, write shared"]
     if len(found.data.grid.series) > FEWEST:
@@ -135,8 +135,8 @@ def _sharing(found: Inspection, constants: Sequence[str]) -> list[str]:
 
 
 def _marks(values: Sequence[float | str]) -> list[float | str]:
-    whole = [isinstance(one, float) and one.is_integer() and abs(one) < 1e15 for one in values]
-    return [int(one) if is_whole else one for one, is_whole in zip(values, whole, strict=True)]
+    whole = [isinstance(mark, float) and mark.is_integer() and abs(mark) < 1e15 for mark in values]
+    return [int(mark) if is_whole else mark for mark, is_whole in zip(values, whole, strict=True)]
 
 
 def _noise(found: Inspection) -> str | dict[str, float]:
@@ -162,7 +162,7 @@ def _cut(found: Inspection) -> tuple[dict, Measured, dict[str, int]]:
         settings |= {"step_s": float(f"{apart * data.grid.row_s:.9g}"), "phases": "first"}
         data = replace(data, grid=replace(data.grid, step=apart))
     series = data.grid.series
-    points = sorted(int(one.usable.sum()) // apart for one in series)
+    points = sorted(int(trajectory.usable.sum()) // apart for trajectory in series)
     most = FINEST if settings.get("uneven") == "own" else LONGEST
     between = ({"by": "random", "pieces": "trajectories"}, points[len(points) // 10])
     tries = [*([between] if len(series) >= FEWEST else []), ({"by": "time"}, points[-1] // PIECES)]
@@ -188,12 +188,12 @@ def _rows_apart(found: Inspection) -> int:
     if found.settings.uneven != "mask" or found.settings.step_s is not None:
         return 1
     series = found.data.grid.series
-    known = [k for k, name in enumerate(found.names.state) if name in found.settings.columns]
-    periods = [rows_of_a_period([one.y[:, k] for one in series]) for k in known]
-    period = min((one for one in periods if one is not None), default=None)
+    components = [k for k, name in enumerate(found.names.state) if name in found.settings.columns]
+    periods = [rows_of_a_period([trajectory.y[:, k] for trajectory in series]) for k in components]
+    period = min((swing for swing in periods if swing is not None), default=None)
     if period is None or period <= LONGEST:
         return 1
-    longest = max(int(one.usable.sum()) for one in series)
+    longest = max(int(trajectory.usable.sum()) for trajectory in series)
     return max(1, min(int(period / OF_A_PERIOD), longest // (SHORTEST * PIECES)))
 
 
@@ -217,7 +217,10 @@ def _plain(settings: MeasurementSettings) -> dict:
 
 def _guessed(found: Inspection) -> list[float]:
     """A range for what nobody measured: twice the largest rate of a measured component."""
-    rates = [np.abs(np.diff(one.rows.y, axis=0) / np.diff(one.rows.t)[:, None]) for one in found.data.grid.series]
+    rates = [
+        np.abs(np.diff(trajectory.rows.y, axis=0) / np.diff(trajectory.rows.t)[:, None])
+        for trajectory in found.data.grid.series
+    ]
     pooled = np.concatenate(rates)
     pooled = pooled[np.isfinite(pooled)]
     size = float(f"{2 * np.quantile(pooled, 0.99):.2g}") if len(pooled) else 1.0

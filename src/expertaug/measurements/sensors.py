@@ -34,9 +34,9 @@ class Marked(InputError):
     def __init__(self, path: Path, line: int, marks: Mapping[float, str]) -> None:
         self.marks = dict(marks)
         mark, name = next(iter(self.marks.items()))
-        listed = ", ".join(f"{one:.10g}" for one in self.marks)
-        found = f"row {line}, column {name}: {mark:.10g} is far from all others, as what stands for nothing measured"
-        super().__init__(path, found, f"set data.files.missing to [{listed}], or to [] where it was measured")
+        listed = ", ".join(f"{number:.10g}" for number in self.marks)
+        problem = f"row {line}, column {name}: {mark:.10g} is far from all others, as what stands for nothing measured"
+        super().__init__(path, problem, f"set data.files.missing to [{listed}], or to [] where it was measured")
 
 
 def check_marks(table: Table, columns: Iterable[str]) -> None:
@@ -45,21 +45,21 @@ def check_marks(table: Table, columns: Iterable[str]) -> None:
     Raises:
         Marked: there are some.
     """
-    found: dict[float, str] = {}
+    marks: dict[float, str] = {}
     line = 0
     for name in columns if table.keys.missing is None else ():
         values = table.mostly(name)
         for mark in marks_of_nothing(values) if values is not None else ():
             line = line or int(table.line[np.argmax(values == mark)])
-            found.setdefault(mark, name)
-    if found:
-        raise Marked(table.path, line, found)
+            marks.setdefault(mark, name)
+    if marks:
+        raise Marked(table.path, line, marks)
 
 
 def marks_of_nothing(values: np.ndarray) -> list[float]:
     """Numbers (n,) that stand far from all others, and either look as what loggers write where nothing was measured or
     come several times."""
-    rest, found = np.sort(values[np.isfinite(values)]), []
+    rest, marks = np.sort(values[np.isfinite(values)]), []
     for _ in range(MOST_MARKS):
         for end in (rest[-1], rest[0]) if len(rest) else ():
             others = rest[rest != end]
@@ -68,12 +68,12 @@ def marks_of_nothing(values: np.ndarray) -> list[float]:
                 continue
             far = 1 if looks and abs(end) >= 999 else 2  # times the range of the others
             if np.abs(others - end).min() > far * (others[-1] - others[0]) > 0:
-                found.append(float(end))
+                marks.append(float(end))
                 rest = others
                 break
         else:
             break
-    return found
+    return marks
 
 
 def _comes_again(end: float, rest: np.ndarray, others: np.ndarray) -> bool:
@@ -99,9 +99,9 @@ def resolution(values: np.ndarray) -> float | None:
 
 def last_digit(values: np.ndarray) -> float | None:
     """The place of the last digit, such as 0.001, with which numbers (n,) are written; None of finer ones."""
-    known = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)]
     for places in range(7):
-        counts = known * 10.0**places
+        counts = finite * 10.0**places
         if np.abs(counts - np.rint(counts)).max(initial=0.0) < 1e-3:
             return 10.0**-places
     return None
@@ -110,15 +110,17 @@ def last_digit(values: np.ndarray) -> float | None:
 def stands_still(values: np.ndarray) -> bool:
     """Whether numbers (n,) often stay the same from row to row, as those of a coarse sensor do and noisy ones do not:
     how rough they are then says nothing of their noise."""
-    known = values[np.isfinite(values)]
-    return len(known) > 1 and bool((np.diff(known) == 0).mean() > STILL and np.ptp(known) > 0)
+    finite = values[np.isfinite(values)]
+    return len(finite) > 1 and bool((np.diff(finite) == 0).mean() > STILL and np.ptp(finite) > 0)
 
 
 def jumps_by_turns(series: Sequence[np.ndarray], turn: float = 2 * math.pi) -> bool:
     """Whether an angle's numbers, (n,) of each trajectory, stay within one turn and jump from one end to the other."""
-    known = [one[np.isfinite(one)] for one in series]
-    within = [one for one in known if len(one) and np.ptp(one) <= 1.01 * turn]  # of others somebody took them out
-    steps = np.abs(np.concatenate([np.zeros(0), *(np.diff(one) for one in within)])) / turn
+    finite = [values[np.isfinite(values)] for values in series]
+    within = [
+        values for values in finite if len(values) and np.ptp(values) <= 1.01 * turn
+    ]  # of others somebody took them out
+    steps = np.abs(np.concatenate([np.zeros(0), *(np.diff(values) for values in within)])) / turn
     return bool((steps > 0.7).any() and not ((steps > 0.35) & (steps < 0.7)).any())
 
 
@@ -129,14 +131,14 @@ def rows_stuck(values: np.ndarray) -> tuple[int, float] | None:
     A smooth motion turns at its extremes and stays there a little longer than elsewhere, even as a coarse sensor sees
     it; one that is cut off stays far longer.
     """
-    known = values[np.isfinite(values)]
-    levels = np.unique(known)
+    finite = values[np.isfinite(values)]
+    levels = np.unique(finite)
     if len(levels) < LEVELS:
         return None
     width = max(0.01 * np.ptp(levels), 1.5 * float(np.median(np.diff(levels))))
     for end in (levels[-1], levels[0]):
-        at = known == end
-        beside = int(((np.abs(known - end) <= width) & ~at).sum())
+        at = finite == end
+        beside = int(((np.abs(finite - end) <= width) & ~at).sum())
         changes = np.flatnonzero(np.diff(np.concatenate(([0], at.astype(np.int8), [0]))))
         longest = int((changes[1::2] - changes[::2]).max())
         if longest >= STUCK and at.sum() > CROWDED * beside:
@@ -151,12 +153,12 @@ def rows_of_a_period(series: Sequence[np.ndarray]) -> float | None:
     Counted are the passages from a quarter of the standard deviation below the mean to as much above it.
     """
     rows, passages = 0, 0
-    for one in series:
-        known = one[np.isfinite(one)]
-        if len(known) < 3 or not np.std(known):
+    for values in series:
+        finite = values[np.isfinite(values)]
+        if len(finite) < 3 or not np.std(finite):
             continue
-        apart = (known - known.mean()) / known.std()
+        apart = (finite - finite.mean()) / finite.std()
         sides = np.sign(apart[np.abs(apart) > 0.25])
-        rows += len(known)
+        rows += len(finite)
         passages += int((np.diff(sides) > 0).sum())
     return rows / passages if passages > 1 else None

@@ -110,8 +110,8 @@ def check_shares(shares: tuple[float, float, float]) -> None:
     """Shares of the three sets are positive and sum to 1; raises what a validator of settings raises."""
     total, positive = sum(shares), min(shares) > 0
     if not positive or abs(total - 1) > 1e-6:
-        found = f"the shares sum to {total:g}" if positive else f"the shares are {list(shares)}"
-        raise disagree(found, "they must sum to 1" if positive else "they must be positive and sum to 1")
+        problem = f"the shares sum to {total:g}" if positive else f"the shares are {list(shares)}"
+        raise disagree(problem, "they must sum to 1" if positive else "they must be positive and sum to 1")
 
 
 class Column(Settings):
@@ -249,8 +249,8 @@ class SplitSettings(Settings):
 
     def values(self, split: str) -> list[str]:
         """Names, globs or values of a set."""
-        found = getattr(self, split)
-        return [split] if found is None else [found] if isinstance(found, str) else list(found)
+        texts = getattr(self, split)
+        return [split] if texts is None else [texts] if isinstance(texts, str) else list(texts)
 
 
 class MeasurementSettings(Cutting, TableKeys):

@@ -85,7 +85,7 @@ def slope(series: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Slope 
     lag = max(2, round(longest if period is None else min(period / 4, longest)))
     fit = other = None
     while (fit is None or other is None) and lag >= 2:  # shorter ones where few lie between gaps
-        fit, other = (_fit([_windows(*one, lag, every) for one in series], lag) for every in (1, 2))
+        fit, other = (_fit([_windows(*trajectory, lag, every) for trajectory in series], lag) for every in (1, 2))
         lag //= 2
     if fit is None or other is None:
         return None
@@ -97,11 +97,11 @@ def slope(series: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Slope 
 def _windows(t: np.ndarray, of: np.ndarray, rate: np.ndarray, lag: int, every: int) -> _Windows:
     """Windows of a trajectory, none of them over a gap; the rate as every so many of its rows tell it."""
     parts: list[np.ndarray] = []
-    known = np.flatnonzero(np.isfinite(rate) & np.isfinite(t))
-    steps = np.diff(t[known])
+    places = np.flatnonzero(np.isfinite(rate) & np.isfinite(t))
+    steps = np.diff(t[places])
     usual = float(np.median(steps)) if len(steps) else 0.0
     longest = max(GAP, lag / 3) * usual  # a cubic spline bridges a twelfth of a swing
-    for stretch in np.split(known, np.flatnonzero(steps > longest) + 1):
+    for stretch in np.split(places, np.flatnonzero(steps > longest) + 1):
         nodes = stretch[::every]
         if len(stretch) < SHORTEST or len(nodes) < 4:
             continue
@@ -119,20 +119,20 @@ def _windows(t: np.ndarray, of: np.ndarray, rate: np.ndarray, lag: int, every: i
 
 def _fit(each: Sequence[_Windows], lag: int) -> Slope | None:
     """The factor over all windows, with a constant offset of the rate, and its error by leaving out blocks."""
-    each = [one for one in each if len(one)]
+    each = [group for group in each if len(group)]
     if not each:
         return None
     numbers, count = [], 0
-    for one in each:
+    for windows in each:
         # Windows that begin within a swing of each other say nearly the same.
-        parts = int(np.clip(len(one) / (4 * lag), 1, -(-BLOCKS // len(each))))
-        numbers.append(count + np.arange(len(one)) * parts // len(one))
+        parts = int(np.clip(len(windows) / (4 * lag), 1, -(-BLOCKS // len(each))))
+        numbers.append(count + np.arange(len(windows)) * parts // len(windows))
         count += parts
     if count < FEWEST:
         return None
     block = np.concatenate(numbers)
     change, instrument, integral, duration = (
-        np.concatenate([getattr(one, name) for one in each])
+        np.concatenate([getattr(group, name) for group in each])
         for name in ("change", "instrument", "integral", "duration")
     )
     x, z = np.stack((change, duration), 1), np.stack((instrument, duration), 1)
@@ -188,8 +188,8 @@ class Off:
 
         condition = "" if self.likely else "if it is its rate, "
         factor, error = f"{self.slope.factor:.3g}", f"{self.slope.error:.1g}"
-        told = f"{condition}{factor} (± {error}) of the slope of {called(self.of)}"
-        return f"{called(self.rate)}: {told}: a scale, or other units, of the sensor"
+        relation = f"{condition}{factor} (± {error}) of the slope of {called(self.of)}"
+        return f"{called(self.rate)}: {relation}: a scale, or other units, of the sensor"
 
 
 def slopes_off(
@@ -207,25 +207,25 @@ def slopes_off(
 
     def compared(rate: str, of: str) -> Slope | None:
         k, j = names.index(of), names.index(rate)
-        return slope([_of_rows(one, k, j, most) for one in series])
+        return slope([_of_rows(trajectory, k, j, most) for trajectory in series])
 
     if rates:
         pairs = [(rate, of) for rate, of in rates.items() if rate in settings.columns and of in settings.columns]
-        each = [Off(rate, of, found, True) for rate, of in pairs if (found := compared(rate, of)) is not None]
-        return [one for one in each if one.slope.is_off]
+        each = [Off(rate, of, fit, True) for rate, of in pairs if (fit := compared(rate, of)) is not None]
+        return [candidate for candidate in each if candidate.slope.is_off]
     for rate in settings.columns:
         candidates = []
         for of in settings.columns:
             likely = _is_likely(settings, rate, of)
             asked = of != rate and (likely or len(settings.columns) <= COLUMNS)
-            found = compared(rate, of) if asked else None
-            if found is not None and found.factor > 0:
-                close = found.agreement >= (LIKE if likely else ALIKE)
-                if close and (likely or abs(found.factor - 1) <= NEAR):
-                    candidates.append(Off(rate, of, found, likely))
+            fit = compared(rate, of) if asked else None
+            if fit is not None and fit.factor > 0:
+                close = fit.agreement >= (LIKE if likely else ALIKE)
+                if close and (likely or abs(fit.factor - 1) <= NEAR):
+                    candidates.append(Off(rate, of, fit, likely))
         # A rate of one column is none of another: what follows the same motion fits both.
-        if candidates and all(one.slope.is_off for one in candidates):
-            off.append(max(candidates, key=lambda one: (one.likely, one.slope.agreement)))
+        if candidates and all(candidate.slope.is_off for candidate in candidates):
+            off.append(max(candidates, key=lambda candidate: (candidate.likely, candidate.slope.agreement)))
     return off
 
 
@@ -246,5 +246,5 @@ def _is_likely(settings: MeasurementSettings, rate: str, of: str) -> bool:
 def _of_rows(one: Series, of: int, rate: int, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, what changes and its rate at the points of a trajectory that have a row, at most so many; interpolated
     ones are kept."""
-    known = np.flatnonzero(np.isfinite(one.t))[:most]
-    return one.t[known], one.y[known, of], one.y[known, rate]
+    points = np.flatnonzero(np.isfinite(one.t))[:most]
+    return one.t[points], one.y[points, of], one.y[points, rate]

@@ -121,13 +121,13 @@ def label_at_random(
     place = np.random.default_rng(seed).permutation(total)
     drawn = ((place >= first).astype(np.int8) + (place >= first + second)).astype(np.int8)
     each = np.split(drawn, np.cumsum(counts)[:-1])
-    return [_of_frames(number, one) for number, one in zip(numbers, each, strict=True)]
+    return [_of_frames(number, of_each) for number, of_each in zip(numbers, each, strict=True)]
 
 
 def _pieces(measured: list[np.ndarray], sizes: list[int] | None) -> list[np.ndarray]:
     """Number of each frame's segment, per recording."""
     if sizes is None:
-        return [np.where(one, 0, -1) for one in measured]
+        return [np.where(frames, 0, -1) for frames in measured]
     return [number_segments(m, size) for m, size in zip(measured, sizes, strict=True)]
 
 
@@ -142,8 +142,8 @@ def _of_each(number: np.ndarray, level: np.ndarray, statistic: str) -> np.ndarra
     high, low = np.full(count, -np.inf), np.full(count, np.inf)
     np.maximum.at(high, place, value)
     np.minimum.at(low, place, value)
-    found = {"max": high, "min": low, "range": high - low}[statistic]
-    return np.where(present > 0, found, np.nan)
+    of_each = {"max": high, "min": low, "range": high - low}[statistic]
+    return np.where(present > 0, of_each, np.nan)
 
 
 def _of_frames(number: np.ndarray, of_each: np.ndarray) -> np.ndarray:

@@ -35,8 +35,8 @@ def cut_measurements(
     data.warn_of_slopes()
     sets, rows, thresholds = sets_of(data)
     data.warn_of_short()
-    for name, one in sets.items():
-        one.save(output_dir / f"{name}.npz")
+    for name, trajectories in sets.items():
+        trajectories.save(output_dir / f"{name}.npz")
     _write(output_dir, data, sets, rows, thresholds)
 
 
@@ -63,7 +63,10 @@ def _write(
             return None
         return {n: float(v) if np.isfinite(v) else None for n, v in zip(state, values, strict=True)}
 
-    seen = {name: (1.0 if one.mask is None else float(one.mask[..., data.seen].mean())) for name, one in sets.items()}
+    seen = {
+        name: (1.0 if trajectories.mask is None else float(trajectories.mask[..., data.seen].mean()))
+        for name, trajectories in sets.items()
+    }
     report = {
         "by": data.settings.split.by,
         "thresholds": thresholds,
@@ -73,14 +76,14 @@ def _write(
             for name, of in rows.items()
         },
         "measured_share": seen,
-        "not_measured": [n for n, one in zip(state, data.seen, strict=True) if not one],
+        "not_measured": [n for n, is_seen in zip(state, data.seen, strict=True) if not is_seen],
         "step_s": data.grid.step_s,
         "steps_off_the_grid": data.grid.broken,
         "interpolation_rms": by_name(data.grid.error),
         "interpolation_note": "of every other row from its neighbours: at the rows' own distances it is far smaller",
         "moved_s": data.grid.moved,
         "noise": by_name(data.noise),
-        "rows_of_a_time_twice": sum(one.rows.repeated for one in series),
+        "rows_of_a_time_twice": sum(trajectory.rows.repeated for trajectory in series),
         "files": {str(path): sha256(path) for path in data.files},
         KEPT: data.settings.to_json(),
     }

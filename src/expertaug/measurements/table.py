@@ -102,12 +102,12 @@ class Table:
         return values
 
     def _without_missing(self, values: np.ndarray) -> np.ndarray:
-        numbers = [one for one in self.keys.missing or () if not isinstance(one, str)]
+        numbers = [mark for mark in self.keys.missing or () if not isinstance(mark, str)]
         return np.where(np.isin(values, numbers), np.nan, values) if numbers else values
 
     def _parsed(self, cells: np.ndarray) -> np.ndarray:
         """Numbers of texts (n,): NaN where a cell is empty, −inf where it is none."""
-        texts = {one.strip().lower() for one in self.keys.missing or () if isinstance(one, str)}
+        texts = {mark.strip().lower() for mark in self.keys.missing or () if isinstance(mark, str)}
         decimal, thousands, empty = self.keys.decimal, self.keys.thousands, EMPTY | texts
         return np.array([_number(cell, decimal, thousands, empty) for cell in cells])
 
@@ -118,8 +118,8 @@ class Table:
             return self._without_missing(cells) if np.isfinite(cells).any() else None
         values = cells.astype(float) if cells.dtype.kind in "biuf" else self._parsed(cells)
         none = np.isneginf(values)
-        found = np.where(none, np.nan, values) if np.isfinite(values).sum() > none.sum() else None
-        return found if found is None else self._without_missing(found)
+        numbers = np.where(none, np.nan, values) if np.isfinite(values).sum() > none.sum() else None
+        return numbers if numbers is None else self._without_missing(numbers)
 
     def times(self, name: str, pattern: str | None = None, date: str | None = None) -> np.ndarray:
         """A column of dates and times, or of durations, (n,) as seconds, from the first of them on.
@@ -136,13 +136,13 @@ class Table:
             cells = self.texts(name)
         if date is not None:
             cells = dates.joined(self.texts(date), self.texts(name))
-        found, none = dates.seconds(self.path, name, cells, pattern)
+        seconds, none = dates.seconds(self.path, name, cells, pattern)
         remedy = dates.CLOCK if pattern is None else f"data.files.time_format is '{pattern}'"
         if none.any() and date is not None:
             row = int(np.argmax(none))
             raise InputError(self.path, f"row {self.line[row]}: '{cells[row]}' is no date and time", remedy)
         self._refuse(name, none, "is no date and time", remedy)
-        return found
+        return seconds
 
     def _remedy(self, cells: np.ndarray, bad: np.ndarray) -> str:
         cell = str(cells[int(np.argmax(bad))])
@@ -162,8 +162,8 @@ class Table:
         if bad.any():
             row = int(np.argmax(bad))
             cells = self.cells[name] if self.reread is None else self.reread(name)
-            found = f"row {self.line[row]}, column {name}: '{cells[row]}' {why}"
-            raise InputError(self.path, found, remedy)
+            problem = f"row {self.line[row]}, column {name}: '{cells[row]}' {why}"
+            raise InputError(self.path, problem, remedy)
 
 
 def _number(
@@ -178,10 +178,10 @@ def _number(
             return -np.inf
         text = text.replace(thousands, "")
     try:
-        found = float(text.replace(decimal, ".") if decimal != "." else text)
+        number = float(text.replace(decimal, ".") if decimal != "." else text)
     except ValueError:
         return -np.inf
-    return found if np.isfinite(found) and "_" not in text else (np.nan if np.isnan(found) else -np.inf)
+    return number if np.isfinite(number) and "_" not in text else (np.nan if np.isnan(number) else -np.inf)
 
 
 def read_table(path: str | Path, keys: TableKeys) -> Table:
@@ -220,8 +220,8 @@ def pivoted(table: Table, pivot: Pivot) -> Table:
     if twice.any():
         at = int(np.argmax(twice))
         moment = ", ".join(f"{name} {table.texts(name)[at]}" for name in by)
-        found = f"row {table.line[at]}: another row has {pivot.name} {sensors[sensor[at]]} at {moment}"
-        raise InputError(table.path, found, "name all that tells rows apart in data.files.pivot.by, or a trajectory")
+        problem = f"row {table.line[at]}: another row has {pivot.name} {sensors[sensor[at]]} at {moment}"
+        raise InputError(table.path, problem, "name all that tells rows apart in data.files.pivot.by, or a trajectory")
     first = np.flatnonzero(~pd.Series(row).duplicated().to_numpy())
     values, cells = table.cells[pivot.value], {name: table.cells[name][first] for name in by}
     for k, name in enumerate(sensors):
@@ -261,7 +261,7 @@ def count_cells(path: Path, keys: TableKeys) -> int:
     Raises:
         InputError: it has none.
     """
-    first = next((one for one in beginning(path).splitlines()[keys.skip_lines :] if _counts(one)), None)
+    first = next((line for line in beginning(path).splitlines()[keys.skip_lines :] if _counts(line)), None)
     if first is None:
         raise InputError(path, "holds no rows", "give a table with a row for each time")
     return len(_split(first, _separator(first) if keys.separator is None else keys.separator))
@@ -307,7 +307,7 @@ def _read_large(path: Path, keys: TableKeys) -> Table | None:
     rows = data.count(b"\n", begin, end) + 1
     if keys.thousands is not None or len(separator.encode()) > 1 or _NOT_PLAIN.search(data, begin, end):
         return None
-    given = {
+    options = {
         "header": None,
         "sep": r"\s+" if separator == " " else separator,
         "decimal": keys.decimal,
@@ -326,7 +326,7 @@ def _read_large(path: Path, keys: TableKeys) -> Table | None:
         stream = io.BytesIO(data)  # of the same bytes, not of a copy
         stream.seek(begin)
         names = range(len(first.names))
-        for part in pd.read_csv(stream, names=names, na_values=[*empty, "NaN"], chunksize=ROWS_AT_ONCE, **given):
+        for part in pd.read_csv(stream, names=names, na_values=[*empty, "NaN"], chunksize=ROWS_AT_ONCE, **options):
             for k in [k for k in parsed if part[k].dtype.kind not in "iuf"]:
                 del parsed[k]
             for k, column in parsed.items():
@@ -343,7 +343,7 @@ def _read_large(path: Path, keys: TableKeys) -> Table | None:
     def texts(name: str) -> np.ndarray:
         place = first.names.index(name)
         of_one = {"usecols": [place], "dtype": str, "na_filter": False, "skiprows": skipped}
-        read = pd.read_csv(path, names=range(len(first.names)), **given | of_one)
+        read = pd.read_csv(path, names=range(len(first.names)), **options | of_one)
         return read[place].str.strip().to_numpy(dtype=object)
 
     cells = {}
@@ -399,9 +399,10 @@ def _without_a_pause(rows: list[int], counted: list[int]) -> bool:
 
 
 def _mostly_numbers(cells: list[str]) -> bool:
-    known = [cell for cell in cells if cell]
+    filled = [cell for cell in cells if cell]
     return (
-        2 * sum(any(char.isdigit() for char in cell) for cell in known) >= len(known) > 0 and not known[0][0].isalpha()
+        2 * sum(any(char.isdigit() for char in cell) for cell in filled) >= len(filled) > 0
+        and not filled[0][0].isalpha()
     )
 
 
@@ -470,18 +471,18 @@ def _text_of(path: Path, most: int = -1) -> str:
 def _separator(line: str) -> str:
     """What separates the cells of a line: the most frequent of the common ones outside of quotes, else blanks."""
     bare = re.sub(r'"[^"]*"', "", line)
-    counts = {one: bare.count(one) for one in SEPARATORS}
+    counts = {separator: bare.count(separator) for separator in SEPARATORS}
     if counts[";"]:
         return ";"
-    best = max(SEPARATORS, key=lambda one: counts[one])
+    best = max(SEPARATORS, key=lambda separator: counts[separator])
     return best if counts[best] else " "
 
 
 def _header(path: Path, row: tuple[int, list[str]], decimal: str) -> list[str]:
     number, names = row
     if all(_is_value(name, decimal) for name in names):
-        found = f"row {number} holds numbers where the names of the columns are expected"
-        raise InputError(path, found, f"name the {len(names)} columns in data.files.names")
+        problem = f"row {number} holds numbers where the names of the columns are expected"
+        raise InputError(path, problem, f"name the {len(names)} columns in data.files.names")
     _refuse_twins(path, names)
     return [name or f"column {k}" for k, name in enumerate(names, 1)]
 
@@ -493,7 +494,9 @@ def _refuse_twins(path: Path, names: Sequence[str]) -> None:
 
 
 def _is_value(cell: str, decimal: str) -> bool:
-    return bool(THOUSANDS.fullmatch(cell)) or any(not np.isneginf(_number(cell, one)) for one in {decimal, ","})
+    return bool(THOUSANDS.fullmatch(cell)) or any(
+        not np.isneginf(_number(cell, separator)) for separator in {decimal, ","}
+    )
 
 
 def _read_parquet(path: Path, keys: TableKeys) -> Table:
@@ -521,6 +524,8 @@ def _read_npz(path: Path, keys: TableKeys) -> Table:
     first = next(iter(lengths))
     for name, shape in lengths.items():
         if len(shape) != 1 or shape != lengths[first]:
-            found = f"array {name} has shape {shape}, {first} {lengths[first]}"
-            raise InputError(path, found, "arrays are columns: (n,), all of one length; trajectories follow each other")
+            problem = f"array {name} has shape {shape}, {first} {lengths[first]}"
+            raise InputError(
+                path, problem, "arrays are columns: (n,), all of one length; trajectories follow each other"
+            )
     return Table(path, dict(cells), np.arange(1, lengths[first][0] + 1), keys=keys)

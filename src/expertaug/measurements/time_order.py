@@ -100,15 +100,15 @@ def check_repeats(table: Table, t: np.ndarray, columns: Iterable[np.ndarray]) ->
     if len(times) < 2 or (counts > 1).mean() <= SHARED:
         return
     for values in columns:
-        known = np.isfinite(values[np.isfinite(t)])
-        y, of = values[np.isfinite(t)][known], moment[known]
+        present = np.isfinite(values[np.isfinite(t)])
+        y, of = values[np.isfinite(t)][present], moment[present]
         total, number = (np.bincount(of, weights, len(times)) for weights in (y, np.ones(len(y))))
         within = np.sqrt(np.mean(np.square(y - (total / np.maximum(number, 1))[of]))) if len(y) else 0.0
         if within <= FAR_APART * np.std(y):
             continue
-        found = f"{np.mean(counts):.3g} rows have the same time in the mean, and differ"
+        problem = f"{np.mean(counts):.3g} rows have the same time in the mean, and differ"
         remedy = "give finer times, or name the column that tells trajectories apart (--trajectory); where they are "
-        raise InputError(table.path, found, f"{remedy}repeated measurements of one moment: --set duplicates=mean")
+        raise InputError(table.path, problem, f"{remedy}repeated measurements of one moment: --set duplicates=mean")
 
 
 def check_one_row_a_time(table: Table, t: np.ndarray, used: Iterable[str]) -> None:
@@ -128,11 +128,11 @@ def check_one_row_a_time(table: Table, t: np.ndarray, used: Iterable[str]) -> No
         kinds = len(set(texts.tolist()))
         pairs = len(set(zip(t[rows].tolist(), texts.tolist(), strict=True)))
         if 1 < kinds <= min(KINDS, len(times)) and pairs == len(rows) and counts.max() > 1:
-            found = f"column '{name}' tells up to {counts.max()} rows of one time apart"
+            problem = f"column '{name}' tells up to {counts.max()} rows of one time apart"
             remedy = (
                 f"give each '{name}' a column of its own (a pivot), or name it as --trajectory if they are trajectories"
             )
-            raise InputError(table.path, found, remedy)
+            raise InputError(table.path, problem, remedy)
 
 
 def check_seconds(table: Table, name: str, t: np.ndarray) -> None:
@@ -152,22 +152,25 @@ def check_seconds(table: Table, name: str, t: np.ndarray) -> None:
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     epoch = is_since_1970(first)
     if whole and (pattern := _written_as(values)) is not None:
-        found = f"starts at {first:.0f}, as if it held {'dates' if 'y' in pattern else 'times of day'} ({pattern})"
-        raise InputError(table.path, f"column '{name}' {found}", "write them as 2024-05-31 10:59:50")
+        problem = f"starts at {first:.0f}, as if it held {'dates' if 'y' in pattern else 'times of day'} ({pattern})"
+        raise InputError(table.path, f"column '{name}' {problem}", "write them as 2024-05-31 10:59:50")
     if epoch is not None:
-        found, unit = f"starts at {first:.15g} without a unit, as if it counted {epoch} since 1970", epoch
+        problem, unit = f"starts at {first:.15g} without a unit, as if it counted {epoch} since 1970", epoch
     elif (of := _days_of(first)) and (step < SERIAL_STEP or _is_part_of_day(step) or OF_TIME.search(name)):
-        found, unit = f"starts at {first:.10g} and goes on in steps of {step:.3g} without a unit, as {of} days do", "d"
+        problem, unit = (
+            f"starts at {first:.10g} and goes on in steps of {step:.3g} without a unit, as {of} days do",
+            "d",
+        )
     elif values.min() >= 0 and values.max() <= 2 and _is_part_of_day(step):
-        found, unit = f"goes on in steps of {step:.6g} without a unit, {step * DAY:.3g} s of a day", "d"
+        problem, unit = f"goes on in steps of {step:.6g} without a unit, {step * DAY:.3g} s of a day", "d"
     elif whole and step == 1 and COUNTERS & set(re.split(r"[\W_\d]+", name.lower())):
-        found = "counts rows, as its name and its steps of 1 say"
+        problem = "counts rows, as its name and its steps of 1 say"
         remedy = f"give times; or a step in s, as time: {{name: {name}, factor: 0.02}} in data.files"
-        raise InputError(table.path, f"column '{name}' {found}", f"{remedy}; where it is a second, unit: s")
+        raise InputError(table.path, f"column '{name}' {problem}", f"{remedy}; where it is a second, unit: s")
     else:
         return
     remedy = f"time: {{name: {name}, unit: {unit}}} in data.files (inspect-data: --unit '{name}={unit}')"
-    raise InputError(table.path, f"column '{name}' {found}", f"say which unit it is, {unit} or s: {remedy}")
+    raise InputError(table.path, f"column '{name}' {problem}", f"say which unit it is, {unit} or s: {remedy}")
 
 
 def _days_of(value: float) -> str | None:

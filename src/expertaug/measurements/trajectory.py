@@ -63,13 +63,13 @@ def read(
     """
     _check_names(settings, names)
     stems = _short_names(files)
-    found: list[Rows] = []
+    trajectories: list[Rows] = []
     units: dict[str, tuple[Unit, str, Path]] = {}
     for path, stem in zip(files, stems, strict=True):
         table = tables[path] if tables and path in tables else read_table(path, settings)
         _refuse_other_units(table, units)
-        found += _of_table(table, stem, settings, names)
-    return found
+        trajectories += _of_table(table, stem, settings, names)
+    return trajectories
 
 
 def _refuse_other_units(table: Table, known: dict[str, tuple[Unit, str, Path]]) -> None:
@@ -80,8 +80,8 @@ def _refuse_other_units(table: Table, known: dict[str, tuple[Unit, str, Path]]) 
             continue
         of, before, path = known.setdefault(name, (unit, text, table.path))
         if of != unit:
-            found = f"column '{name}' is in {text}, and in {before} in {path.name}"
-            raise InputError(table.path, found, "write it in one unit, or read the files one by one")
+            problem = f"column '{name}' is in {text}, and in {before} in {path.name}"
+            raise InputError(table.path, problem, "write it in one unit, or read the files one by one")
 
 
 def check_half_told(table: Table, columns: Mapping[str, Column], state: Mapping[str, str], remedy: str) -> None:
@@ -103,9 +103,9 @@ def check_half_told(table: Table, columns: Mapping[str, Column], state: Mapping[
     silent = [n for n in angular if said[n] is None and (columns[n].factor, columns[n].offset) == (1.0, 0.0)]
     if other and silent:
         column = columns[silent[0]].name
-        found = f"'{columns[other[0]].name}' is in {said[other[0]]}, and '{column}' has no unit"
+        problem = f"'{columns[other[0]].name}' is in {said[other[0]]}, and '{column}' has no unit"
         told_how = remedy.format(column=column, component=silent[0], unit=state[silent[0]])
-        raise InputError(table.path, found, f"say which: {told_how}, or another")
+        raise InputError(table.path, problem, f"say which: {told_how}, or another")
 
 
 def _unit_told(table: Table, name: str) -> str | None:
@@ -118,29 +118,29 @@ def _unit_told(table: Table, name: str) -> str | None:
 def _short_names(files: Sequence[Path]) -> list[str]:
     """Names of files without suffix, with as many folders as tell them apart."""
     for depth in range(1, 20):
-        found = ["/".join(path.with_suffix("").parts[-depth:]) for path in files]
-        if len(set(found)) == len(found):
-            return found
+        names = ["/".join(path.with_suffix("").parts[-depth:]) for path in files]
+        if len(set(names)) == len(names):
+            return names
     raise InputError(f"{WHERE}.paths", f"two files are called {files[0].stem}", "rename one")
 
 
 def _check_names(settings: MeasurementSettings, names: Names) -> None:
-    for where, given, known, what in (
+    for where, entries, allowed, what in (
         ("columns", settings.columns, names.state, "component of the state"),
         ("z_e", settings.z_e, names.parameters, "expert parameter"),
         ("inputs", settings.inputs, names.inputs, "known input"),
         ("angles", settings.angles, settings.columns, "component with a column"),
     ):
-        for name in given:
-            if name not in known:
-                remedy = f"known: {', '.join(known) or 'none'}"
+        for name in entries:
+            if name not in allowed:
+                remedy = f"known: {', '.join(allowed) or 'none'}"
                 raise InputError(f"{WHERE}.{where}.{name}", f"'{name}' is no {what}", remedy)
     for name in names.inputs:
         if name not in settings.inputs:
             raise InputError(f"{WHERE}.inputs.{name}", "missing, the system is driven by it", "name its column")
     if names.held and settings.uneven != "mask":
-        found = f"{settings.uneven}, the system's inputs hold their values between the rows"
-        raise InputError(f"{WHERE}.uneven", found, "give rows on a grid, with mask")
+        problem = f"{settings.uneven}, the system's inputs hold their values between the rows"
+        raise InputError(f"{WHERE}.uneven", problem, "give rows on a grid, with mask")
     for parameter, named in settings.z_e.items():
         start = label_of(named).start
         if start is not None and start not in settings.columns:
@@ -157,29 +157,29 @@ def _of_table(table: Table, stem: str, settings: MeasurementSettings, names: Nam
             y[:, k] = _column(table, column_of(settings.columns[component]), unit, f"columns.{component}")
             if not np.isfinite(y[:, k]).any():
                 column = column_of(settings.columns[component]).name
-                found = f"column {column} holds no number"
-                raise InputError(table.path, found, f"leave {WHERE}.columns.{component} out if nobody measured it")
+                problem = f"column {column} holds no number"
+                raise InputError(table.path, problem, f"leave {WHERE}.columns.{component} out if nobody measured it")
     check_half_told(table, columns, names.state, "set data.files.columns.{component}.unit to {unit}")
     named = ((column_of(settings.inputs[name]), unit, f"inputs.{name}") for name, unit in names.inputs.items())
-    u = np.array([_column(table, *one) for one in named]).reshape(len(names.inputs), len(table)).T
+    u = np.array([_column(table, *arguments) for arguments in named]).reshape(len(names.inputs), len(table)).T
     labels = np.full((len(table), len(names.parameters)), np.nan)
     for k, (parameter, unit) in enumerate(names.parameters.items()):
         label = label_of(settings.z_e[parameter]) if parameter in settings.z_e else None
         if label is not None and label.name is not None:
             labels[:, k] = _column(table, Column(name=label.name, unit=label.unit), unit, f"z_e.{parameter}")
     level = _level(table, y, settings, names)
-    told = table.texts(settings.split.column) if settings.split.by == "column" else None
+    texts = table.texts(settings.split.column) if settings.split.by == "column" else None
     if settings.trajectory is None:
         parts = {stem: np.arange(len(table))}
     else:
         ids = table.texts(settings.trajectory)
-        parts = {f"{stem}/{one}": np.flatnonzero(ids == one) for one in dict.fromkeys(ids)}
+        parts = {f"{stem}/{identity}": np.flatnonzero(ids == identity) for identity in dict.fromkeys(ids)}
     each = []
     for name, index in parts.items():
         kept, repeated, of = _in_order(table, t, np.column_stack((y, u)) if u.shape[1] else y, index, settings)
         y_of, u_of = of[:, : y.shape[1]], of[:, y.shape[1] :]
         z_e = np.array([_one_value(table, labels[kept, k], kept, p) for k, p in enumerate(names.parameters)])
-        of_level, of_told = (None if v is None else v[kept] for v in (level, told))
+        of_level, of_told = (None if v is None else v[kept] for v in (level, texts))
         line, t_of = (table.line, t) if len(kept) == len(t) else (table.line[kept], t[kept])
         if settings.unordered == "sort" or settings.pivot is not None:
             line, t_of = table.line[kept], t[kept]
@@ -232,15 +232,15 @@ def _level(table: Table, y: np.ndarray, settings: MeasurementSettings, names: Na
     split, where = settings.split, f"{WHERE}.split.quantity"
     if split.by != "quantity":
         return None
-    known = {name: y[:, k] for k, name in enumerate(names.state) if name in settings.columns}
+    columns = {name: y[:, k] for k, name in enumerate(names.state) if name in settings.columns}
     for name in expression.names(split.quantity, where):
-        if name not in known:
+        if name not in columns:
             if name not in table.cells:
                 raise InputError(
-                    where, f"'{split.quantity}' names '{name}'", f"known: {', '.join([*known, *table.names])}"
+                    where, f"'{split.quantity}' names '{name}'", f"known: {', '.join([*columns, *table.names])}"
                 )
-            known[name] = table.measured(name)
-    level = expression.value(split.quantity, known, where)
+            columns[name] = table.measured(name)
+    level = expression.value(split.quantity, columns, where)
     if not np.isfinite(level).any():
         raise InputError(where, f"'{split.quantity}' is no number in any row of {table.path}", "correct it")
     return level
@@ -256,9 +256,9 @@ def _in_order(
         check_sortable(table, t, [index], apart=True)
     if len(back) and settings.unordered == "refuse" and settings.pivot is None:
         row, before = index[back[0] + 1], index[back[0]]
-        found = f"row {table.line[row]}: the time goes back from {t[before]:g} to {t[row]:g} s"
+        problem = f"row {table.line[row]}: the time goes back from {t[before]:g} to {t[row]:g} s"
         remedy = f"name the column that tells trajectories apart ({WHERE}.trajectory); of one: set unordered to sort"
-        raise InputError(table.path, found, remedy)
+        raise InputError(table.path, problem, remedy)
     index = index[np.argsort(t[index], kind="stable")]
     first = np.concatenate(([True], np.diff(t[index]) > 0))
     if first.all():
@@ -269,8 +269,8 @@ def _in_order(
     differs = ~(same | (np.isnan(states) & np.isnan(states[starts][group]))).all(1)
     if differs.any() and settings.duplicates == "refuse":
         row = index[int(np.argmax(differs))]
-        found = f"row {table.line[row]}: another row has its time, {t[row]:g} s, and other values"
-        raise InputError(table.path, found, f"set {WHERE}.duplicates to first or mean, or name the trajectory column")
+        problem = f"row {table.line[row]}: another row has its time, {t[row]:g} s, and other values"
+        raise InputError(table.path, problem, f"set {WHERE}.duplicates to first or mean, or name the trajectory column")
     kept = states[starts]
     if settings.duplicates == "mean":
         present = np.isfinite(states)
@@ -283,13 +283,13 @@ def _in_order(
 
 def _one_value(table: Table, values: np.ndarray, rows: np.ndarray, parameter: str) -> float:
     """What the rows of a trajectory say of a parameter; NaN where they say nothing."""
-    known = np.flatnonzero(np.isfinite(values))
-    if not len(known):
+    places = np.flatnonzero(np.isfinite(values))
+    if not len(places):
         return np.nan
-    first = values[known[0]]
-    other = np.flatnonzero(np.abs(values[known] - first) > 1e-6 * max(abs(first), 1e-12))
+    first = values[places[0]]
+    other = np.flatnonzero(np.abs(values[places] - first) > 1e-6 * max(abs(first), 1e-12))
     if len(other):
-        lines = table.line[rows[known[0]]], table.line[rows[known[other[0]]]]
-        found = f"{parameter} is {first:g} in row {lines[0]} and {values[known[other[0]]]:g} in row {lines[1]}"
-        raise InputError(table.path, found, "a parameter is constant within a trajectory")
+        lines = table.line[rows[places[0]]], table.line[rows[places[other[0]]]]
+        problem = f"{parameter} is {first:g} in row {lines[0]} and {values[places[other[0]]]:g} in row {lines[1]}"
+        raise InputError(table.path, problem, "a parameter is constant within a trajectory")
     return float(first)

@@ -304,8 +304,8 @@ def conversion(unit: str | None, to: str, where: object) -> tuple[float, float]:
         listed = f"units of {own.kind}: {', '.join(_examples(own))}" if own else has
         raise InputError(where, f"the unit '{unit}' is not known", f"{listed}; or give factor and offset")
     if own is None or of.dimension != own.dimension:
-        found = f"'{unit}' is a unit of {of.kind}, {has}"
-        raise InputError(where, found, "correct the unit, or give factor and offset")
+        problem = f"'{unit}' is a unit of {of.kind}, {has}"
+        raise InputError(where, problem, "correct the unit, or give factor and offset")
     return (1.0, 0.0) if of == own else (of.factor / own.factor, (of.summand - own.summand) / own.factor)
 
 

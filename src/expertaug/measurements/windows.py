@@ -58,18 +58,18 @@ def latest_windows(
     points = len(t) if driven else observed
     read = _as_windows(settings, paths, points, float(t[1] - t[0]), driven)
     data = measured(read, names)
-    rows = candidates(data, [np.where(one.usable, 0, -1) for one in data.grid.series])["train"]
+    rows = candidates(data, [np.where(trajectory.usable, 0, -1) for trajectory in data.grid.series])["train"]
     latest = np.array([rows[rows[:, 0] == k][-1] for k in np.unique(rows[:, 0])], dtype=int).reshape(-1, 2)
     series = data.grid.series
     if not len(latest):
         needed = f"{points} points {data.grid.step_s:.6g} s apart, of which {read.min_seen:g} was measured"
         raise InputError(paths[0], "no trajectory has a window as the model observes it", f"it needs {needed}")
-    found = trajectories_of(data, latest)
-    left_out = [one.name for k, one in enumerate(series) if k not in latest[:, 0]]
+    windows = trajectories_of(data, latest)
+    left_out = [trajectory.name for k, trajectory in enumerate(series) if k not in latest[:, 0]]
     start = np.array([series[k].t[first] for k, first in latest])
-    u = None if found.u is None else np.asarray(found.u)
+    u = None if windows.u is None else np.asarray(windows.u)
     return Windows(
-        [series[k].name for k, _ in latest], start, t[:points], np.asarray(found.seen)[:, :observed], u, left_out
+        [series[k].name for k, _ in latest], start, t[:points], np.asarray(windows.seen)[:, :observed], u, left_out
     )
 
 
@@ -77,10 +77,10 @@ def _as_windows(
     settings: MeasurementSettings, paths: Sequence[str], points: int, step_s: float, driven: bool
 ) -> MeasurementSettings:
     """The settings of the training for windows instead of chunks; what only labels and divides is left out."""
-    given = settings.to_json() | {"paths": list(paths), "length": points, "stride": 1, "evaluation_stride": 1}
-    given |= {"min_chunks": 1, "max_chunks": None, "horizons_s": [], "phases": "all", "checksums": None, "z_e": {}}
-    given |= {"step_s": step_s} | ({"min_seen": 0.0} if driven else {})  # rows to come have inputs and no states
-    return MeasurementSettings.from_mapping({k: v for k, v in given.items() if k != "split"})
+    keys = settings.to_json() | {"paths": list(paths), "length": points, "stride": 1, "evaluation_stride": 1}
+    keys |= {"min_chunks": 1, "max_chunks": None, "horizons_s": [], "phases": "all", "checksums": None, "z_e": {}}
+    keys |= {"step_s": step_s} | ({"min_seen": 0.0} if driven else {})  # rows to come have inputs and no states
+    return MeasurementSettings.from_mapping({k: v for k, v in keys.items() if k != "split"})
 
 
 def settings_of(model: Path, given: Path | None) -> MeasurementSettings | None:
@@ -104,7 +104,11 @@ def settings_of(model: Path, given: Path | None) -> MeasurementSettings | None:
         return found
     try:
         config = yaml.safe_load(given.read_text(encoding="utf-8"))
-        experiments = [one["data"]["files"] for one in config["experiments"].values() if "files" in one.get("data", {})]
+        experiments = [
+            experiment["data"]["files"]
+            for experiment in config["experiments"].values()
+            if "files" in experiment.get("data", {})
+        ]
     except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
         raise InputError(given, f"no configuration ({error})", "give splits.json of a run's data") from error
     if len(experiments) != 1:
@@ -115,8 +119,8 @@ def settings_of(model: Path, given: Path | None) -> MeasurementSettings | None:
 
 def _kept(report: Path) -> MeasurementSettings | None:
     try:
-        found = json.loads(report.read_text(encoding="utf-8"))
+        content = json.loads(report.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(report, f"cannot be read ({error})", "cut the measurements again") from error
-    kept = found.get(KEPT) if isinstance(found, Mapping) else None
+    kept = content.get(KEPT) if isinstance(content, Mapping) else None
     return None if kept is None else MeasurementSettings.from_mapping(kept, str(report))

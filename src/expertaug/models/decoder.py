@@ -73,8 +73,8 @@ class Decoder(nn.Module):
     ) -> None:
         super().__init__()
         if system.has_events and not expert:
-            found = f"{type(system).__name__} has events, which are the expert's"
-            raise InputError("expert", found, "leave methods without an expert out")
+            problem = f"{type(system).__name__} has events, which are the expert's"
+            raise InputError("expert", problem, "leave methods without an expert out")
         self.system = system
         self.interaction = interaction
         self.expert = expert
@@ -151,8 +151,8 @@ class Decoder(nn.Module):
                 added = torch.where(more[-1][..., :count].unsqueeze(-1) == 0, 0.0, added)
             if rest == 0:
                 return rate + added
-            one, other = rate.split([count, rest], axis)
-            return torch.cat((one + added, other), axis)
+            leading, other = rate.split([count, rest], axis)
+            return torch.cat((leading + added, other), axis)
 
         return self.measured(solve(self.system, field, self.system.initial_state(y0, z_e), t, solver, z_e, u, flow))
 
@@ -200,8 +200,8 @@ class Decoder(nn.Module):
         else:
             t = t.to(y.device, non_blocking=True)
             times = t.expand(*y.shape[1 : y.dim() - len(state)], -1).flatten(-2)
-        given = () if u is None else (u.movedim(0, -2).flatten(-3, -2),)
-        rates = self.interaction_rate(points, context, times, *given)
+        inputs = () if u is None else (u.movedim(0, -2).flatten(-3, -2),)
+        rates = self.interaction_rate(points, context, times, *inputs)
         return rates.square().flatten(-len(state)).mean(-1)
 
 
@@ -246,7 +246,7 @@ class MeanModel(Predictor, nn.Module):
         """(…, B, *state) → (T, …, B, *state); the same for every sample, and beyond the training's times that
         of the last of them."""
         last = len(self.mean) - 1
-        known = self.mean[torch.arange(len(t)).clamp_max(last)]
+        means = self.mean[torch.arange(len(t)).clamp_max(last)]
         lead = y0.dim() - self.mean.dim() + 1
-        mean = known.reshape(len(t), *[1] * lead, *self.mean.shape[1:])
+        mean = means.reshape(len(t), *[1] * lead, *self.mean.shape[1:])
         return mean.expand(len(t), *y0.shape)

@@ -49,10 +49,10 @@ def class_of(part: Part, given: Mapping | Callable) -> dict[str, Callable]:
 
 def describe(recipe: HybridModel) -> RecipeRecord:
     """What a model file says of a recipe."""
-    given = {name: getattr(recipe, name) for name in PARTS}
+    parts = {name: getattr(recipe, name) for name in PARTS}
     return RecipeRecord.of(
         system=systems.describe(recipe.system),
-        model={name: settings_of(PARTS[name], value) for name, value in given.items() if value is not None},
+        model={name: settings_of(PARTS[name], value) for name, value in parts.items() if value is not None},
         expert=recipe.expert,
         interaction=recipe.interaction is not None,
     )
@@ -60,12 +60,12 @@ def describe(recipe: HybridModel) -> RecipeRecord:
 
 def own_classes(recipe: HybridModel) -> dict[str, Callable]:
     """Classes of a recipe that are not this package's, by name."""
-    found: dict[str, Callable] = {}
+    classes: dict[str, Callable] = {}
     for name, part in PARTS.items():
-        if (given := getattr(recipe, name)) is not None:
-            found |= class_of(part, given)
+        if (value := getattr(recipe, name)) is not None:
+            classes |= class_of(part, value)
     name = str(systems.describe(recipe.system)["name"])
-    return found if _is_built_in_system(name) else {name: type(recipe.system)} | found
+    return classes if _is_built_in_system(name) else {name: type(recipe.system)} | classes
 
 
 def recipe_of(system: System, card: RecipeRecord, classes: Mapping[str, Callable] | None = None) -> HybridModel:

@@ -54,13 +54,13 @@ class FitDoubts:
 
     def reasons(self, window: int) -> list[str]:
         """Of one window, in words; what holds for half of the seeds or more."""
-        told = ["the fit never left its start"] if _most(self.stuck[:, window]) else []
+        reasons = ["the fit never left its start"] if _most(self.stuck[:, window]) else []
         for k, name in enumerate(self.names):
             if _most(self.at_bound[:, window, k]):
-                told.append(f"{name} is at its bound, zero")
+                reasons.append(f"{name} is at its bound, zero")
             elif _most(self.untold[:, window, k]):
-                told.append(f"the window does not tell {name}")
-        return told
+                reasons.append(f"the window does not tell {name}")
+        return reasons
 
     def warn(self) -> None:
         """A line for each kind of doubt, where it is one about a tenth of the windows or more."""

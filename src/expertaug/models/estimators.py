@@ -121,8 +121,8 @@ def estimator(kind: str, where: str = "kind", classes: Classes | None = None) ->
     if kind in ESTIMATORS:
         return ESTIMATORS[kind]
     if ":" not in kind:
-        known = ", ".join(ESTIMATORS)
-        raise InputError(where, f"'{kind}' is no {ESTIMATOR.name}", f"known: {known}, or package.module:Class")
+        names = ", ".join(ESTIMATORS)
+        raise InputError(where, f"'{kind}' is no {ESTIMATOR.name}", f"known: {names}, or package.module:Class")
     return (classes or {}).get(kind) or find(ESTIMATOR, kind, where)  # type: ignore[return-value]
 
 

@@ -34,8 +34,8 @@ class Gaps(nn.Module):
     def __init__(self, system: System, times: Tensor, ranges: Mapping[str, Sequence[float]]) -> None:
         super().__init__()
         if len(system.state_shape) != 1:
-            found = f"states of {type(system).__name__} have the shape {system.state_shape}"
-            raise InputError("trajectories", found, "only vectors may have values that are not measured")
+            problem = f"states of {type(system).__name__} have the shape {system.state_shape}"
+            raise InputError("trajectories", problem, "only vectors may have values that are not measured")
         names = [p.name for p in system.state]
         if missing := [name for name in names if name not in ranges]:
             remedy = "give the range [low, high] of its first value (data.start)"
@@ -51,19 +51,19 @@ class Gaps(nn.Module):
     def start(self, windows: Windows) -> Tensor:
         """First points (…, B, K) of observed windows: as measured, and estimated from the states of the window where
         they were not."""
-        observed, known = windows.y, windows.measured
-        if known[0].all():
+        observed, measured = windows.y, windows.measured
+        if measured[0].all():
             return observed[0]
         middle, width = self.middle.to(observed), self.width.to(observed)
         scaled = (fill(observed, self.times, middle) - middle) / width
-        inputs = torch.cat((scaled, known.to(scaled)), -1).movedim(0, -2).flatten(-2)
+        inputs = torch.cat((scaled, measured.to(scaled)), -1).movedim(0, -2).flatten(-2)
         estimate = middle + width * torch.tanh(self.network(inputs))
-        return torch.where(known[0], observed[0], estimate)
+        return torch.where(measured[0], observed[0], estimate)
 
 
 def ends_of(ranges: Mapping[str, Sequence[float]], like: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Middle and half the width (K,) of ranges by component, in their order; in the type of another tensor."""
-    ends = torch.tensor([[float(end) for end in one] for one in ranges.values()], dtype=torch.float64)
+    ends = torch.tensor([[float(end) for end in pair] for pair in ranges.values()], dtype=torch.float64)
     ends = ends if like is None else ends.to(like)
     return ends.mean(1), ((ends[:, 1] - ends[:, 0]) / 2).clamp_min(1e-6)
 
@@ -82,9 +82,9 @@ def ranges_of(
     for name in given:
         if name not in names:
             raise InputError(f"start.{name}", "is no component of the state", f"known: {', '.join(names)}")
-    found = {name: [float(v) for v in given[name]] for name in given}
+    ranges = {name: [float(v) for v in given[name]] for name in given}
     for name, least, greatest in zip(names, low, high, strict=True):
-        if name not in found and least <= greatest:
+        if name not in ranges and least <= greatest:
             margin = max(0.1 * (greatest - least), 1e-3 * max(abs(least), abs(greatest)), 1e-9)
-            found[name] = [float(least - margin), float(greatest + margin)]
-    return found
+            ranges[name] = [float(least - margin), float(greatest + margin)]
+    return ranges

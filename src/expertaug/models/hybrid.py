@@ -195,20 +195,20 @@ def _resolved(part: str, given: Part) -> tuple[type, str, dict]:
             raise InputError(f"model.{part}", "arguments without a name", "give them by name in functools.partial")
         return registry.check(PARTS[part], given.func, where), getattr(given.func, "__name__", ""), dict(given.keywords)
     if not inspect.isclass(given):
-        found, remedy = type(given).__name__, "give a class, functools.partial of it, or a mapping with kind"
-        raise InputError(f"model.{part}", f"found {found}", remedy)
+        class_name, remedy = type(given).__name__, "give a class, functools.partial of it, or a mapping with kind"
+        raise InputError(f"model.{part}", f"found {class_name}", remedy)
     return registry.check(PARTS[part], given, where), given.__name__, {}
 
 
 def _make(part: str, given: Part, **fixed: object) -> nn.Module:
     cls, name, arguments = _resolved(part, given)
-    known = registry.arguments(cls)
-    if known is not None:
-        free = sorted(set(known) - set(fixed))
+    accepted = registry.arguments(cls)
+    if accepted is not None:
+        free = sorted(set(accepted) - set(fixed))
         for key in arguments:
             if key not in free:
                 raise InputError(f"model.{part}.{key}", f"unknown to {name}", f"known: {', '.join(free) or 'none'}")
-        fixed = {key: value for key, value in fixed.items() if key in known}
+        fixed = {key: value for key, value in fixed.items() if key in accepted}
     try:
         inspect.signature(cls).bind(**fixed, **arguments)
     except TypeError as error:
@@ -218,5 +218,5 @@ def _make(part: str, given: Part, **fixed: object) -> nn.Module:
     except InputError:
         raise
     except Exception as error:
-        found = f"{name} refuses its arguments ({type(error).__name__}: {error})"
-        raise InputError(f"model.{part}", found, "correct them, or the class") from error
+        problem = f"{name} refuses its arguments ({type(error).__name__}: {error})"
+        raise InputError(f"model.{part}", problem, "correct them, or the class") from error

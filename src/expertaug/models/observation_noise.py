@@ -31,10 +31,10 @@ def noise_of(given: GivenNoise, system: System, card: ModelCard) -> NoiseLike:
         return float(given)
     names = [p.name for p in system.state]
     if given == ESTIMATED:
-        found = card.data_noise
-        if found is None:
+        estimated = card.data_noise
+        if estimated is None:
             raise InputError("noise", "estimated, but the training set does not say it", "give a number")
-        return [float(value) for value in found]
+        return [float(value) for value in estimated]
     assert isinstance(given, Mapping)
     for name in given:
         if name not in names:

@@ -198,8 +198,8 @@ class Estimates:
     @property
     def z_e_std(self) -> Tensor | None:
         """Standard deviation (…, B, P) of z_e, where the estimator has one, to first order."""
-        one = None if self.posterior is None else self.posterior.z_e
-        return one.spread if isinstance(one, Gaussian) else None
+        distribution = None if self.posterior is None else self.posterior.z_e
+        return distribution.spread if isinstance(distribution, Gaussian) else None
 
     def stated(self, with_z_a: bool) -> tuple[Tensor, Tensor | None]:
         """z_e, or z_e and z_a behind each other, (…, B, K), and their standard deviations, where there are any."""
@@ -208,8 +208,8 @@ class Estimates:
             return self.z_e, self.z_e_std
         assert self.z_a is not None
         other = None if self.posterior is None else self.posterior.z_a
-        known = self.z_e_std is not None and isinstance(other, Gaussian)
-        std = torch.cat((self.z_e_std, other.spread), -1) if known else None  # type: ignore[arg-type,union-attr]
+        has_std = self.z_e_std is not None and isinstance(other, Gaussian)
+        std = torch.cat((self.z_e_std, other.spread), -1) if has_std else None  # type: ignore[arg-type,union-attr]
         return torch.cat((self.z_e, self.z_a), -1), std
 
     def part(self, samples: slice | Tensor) -> Estimates:
@@ -230,7 +230,7 @@ class Estimates:
         if len(parts) == 1:
             return parts[0]
         each = [iter(_tensors_of(part)) for part in parts]
-        return parts[0]._each(lambda _: torch.cat([next(one) for one in each], dim=1))
+        return parts[0]._each(lambda _: torch.cat([next(tensors) for tensors in each], dim=1))
 
     def _each(self, change: Callable[[Tensor], Tensor]) -> Estimates:
         """The same with every tensor changed, in the order of :func:`_tensors`."""
@@ -238,7 +238,7 @@ class Estimates:
         def changed(value: Tensor | None) -> Tensor | None:
             return None if value is None else change(value)
 
-        found = {name: changed(getattr(self, name)) for name in ("y0", "z_e", "z_a", "chi2", "root", "stuck")}
+        tensors = {name: changed(getattr(self, name)) for name in ("y0", "z_e", "z_a", "chi2", "root", "stuck")}
         posterior = self.posterior
         if posterior is not None:
             posterior = replace(
@@ -246,7 +246,7 @@ class Estimates:
             )
             posterior = replace(posterior, z_a_used=changed(posterior.z_a_used), filtered=None)
         draws = None if self.draws is None else tuple(change(value) for value in self.draws)
-        return replace(self, **found, posterior=posterior, draws=draws)
+        return replace(self, **tensors, posterior=posterior, draws=draws)
 
 
 def _transformed(one: Delta | Gaussian, change: Callable[[Tensor], Tensor]) -> Delta | Gaussian:
@@ -256,9 +256,9 @@ def _transformed(one: Delta | Gaussian, change: Callable[[Tensor], Tensor]) -> D
 
 
 def _tensors_of(one: Estimates) -> list[Tensor]:
-    found: list[Tensor] = []
-    one._each(lambda value: (found.append(value), value)[1])
-    return found
+    tensors: list[Tensor] = []
+    one._each(lambda value: (tensors.append(value), value)[1])
+    return tensors
 
 
 class Estimator(Protocol):

@@ -36,8 +36,8 @@ class Sensors:
         """
         check_components(system, constants)
         each = [constants.get(p.name) or SensorConstants() for p in system.state]
-        scale = _stacked([1.0 if one.scale is None else one.scale.held for one in each])
-        offset = _stacked([0.0 if one.offset is None else one.offset.held for one in each])
+        scale = _stacked([1.0 if sensor.scale is None else sensor.scale.held for sensor in each])
+        offset = _stacked([0.0 if sensor.offset is None else sensor.offset.held for sensor in each])
         return cls(scale, offset, len(system.state_shape))
 
     def measured(self, states: Tensor) -> Tensor:
@@ -73,7 +73,7 @@ def check_components(system: System, names: Mapping[str, object]) -> None:
     Raises:
         InputError: which one, and those that there are.
     """
-    known = [p.name for p in system.state]
+    components = [p.name for p in system.state]
     for name in names:
-        if name not in known:
-            raise InputError(f"sensors.{name}", "is no component of the state", f"known: {', '.join(known)}")
+        if name not in components:
+            raise InputError(f"sensors.{name}", "is no component of the state", f"known: {', '.join(components)}")

@@ -81,8 +81,8 @@ def configured_by(settings: type[PartSettings]) -> Callable[[type[Module]], type
             for name, field in settings.arguments().items()
         ]
         cls.__init__.__signature__ = signature.replace(parameters=own)  # type: ignore[attr-defined]
-        told = [f"    {name}: {field.description}." for name, field in settings.arguments().items()]
-        cls.__doc__ = "\n".join((inspect.cleandoc(cls.__doc__ or ""), *told))
+        lines = [f"    {name}: {field.description}." for name, field in settings.arguments().items()]
+        cls.__doc__ = "\n".join((inspect.cleandoc(cls.__doc__ or ""), *lines))
         return cls
 
     return configured
@@ -475,7 +475,7 @@ class RefinementSettings(Settings):
     @property
     def of_sensors(self) -> list[tuple[str, str]]:
         """Component and name, scale or offset, of the constants of sensors that are estimated."""
-        return [(component, name) for component, one in (self.sensors or {}).items() for name in one.sought]
+        return [(component, name) for component, sensor in (self.sensors or {}).items() for name in sensor.sought]
 
     @property
     def holds(self) -> bool:
@@ -499,8 +499,8 @@ class Constant(Settings):
     @classmethod
     def of_seeds(cls, each: Sequence[Constant]) -> Constant:
         """Of the same constant with the F_a of each seed; its error is the root of the mean square of theirs."""
-        values = [one.value for one in each]
-        std = math.sqrt(sum(one.std**2 for one in each) / len(each))
+        values = [constant.value for constant in each]
+        std = math.sqrt(sum(constant.std**2 for constant in each) / len(each))
         return cls(value=sum(values) / len(values), seeds=values, std=std, groups=each[0].groups)
 
     @property
@@ -531,7 +531,7 @@ class SensorConstants(Settings):
     @classmethod
     def of_seeds(cls, each: Sequence[SensorConstants]) -> SensorConstants:
         """Of the same sensor with the F_a of each seed."""
-        return cls.of(**{name: Constant.of_seeds([getattr(one, name) for one in each]) for name in each[0].known})
+        return cls.of(**{name: Constant.of_seeds([getattr(sensor, name) for sensor in each]) for name in each[0].known})
 
     @property
     def known(self) -> list[str]:
@@ -554,7 +554,9 @@ class Population(Settings):
     @classmethod
     def of_seeds(cls, each: Sequence[Population]) -> Population:
         """Of the same parameter with the F_a of each seed."""
-        parts = {name: Constant.of_seeds([getattr(one, name) for one in each]) for name in ("middle", "spread")}
+        parts = {
+            name: Constant.of_seeds([getattr(population, name) for population in each]) for name in ("middle", "spread")
+        }
         return cls(form=each[0].form, unit=each[0].unit, **parts)
 
     def at(self, places: Sequence[int]) -> Population:
@@ -586,14 +588,15 @@ class Refinement(Settings):
 
     def of_seeds(self, places: Sequence[int]) -> Refinement:
         """The same for some of the seeds, by their places."""
-        known = {name: blocks for name in ("shared", "sensors", "population") if (blocks := getattr(self, name))}
+        estimated = {name: blocks for name in ("shared", "sensors", "population") if (blocks := getattr(self, name))}
         chosen: dict[str, object] = {
-            name: {key: one.at(places) for key, one in blocks.items()} for name, blocks in known.items()
+            name: {key: estimate.at(places) for key, estimate in blocks.items()} for name, blocks in estimated.items()
         }
         if self.overdispersion and len(self.overdispersion) > 1:
             chosen["overdispersion"] = [self.overdispersion[k] for k in places]
         if self.trajectories:
             chosen["trajectories"] = {
-                name: {of: one.at(places) for of, one in each.items()} for name, each in self.trajectories.items()
+                name: {of: constant.at(places) for of, constant in each.items()}
+                for name, each in self.trajectories.items()
             }
         return self.model_copy(update=chosen)

@@ -142,16 +142,16 @@ class SeedWise(nn.Module):
 
         def one(parameters: dict, buffers: dict, *arguments: Tensor) -> tuple[Parts, dict[str, Tensor]]:
             own = {f"module.{k}": v for k, v in (parameters | buffers).items()}
-            found, after = functional_call(self.__dict__["_caller"], own, (method, *arguments))
-            return finish(found), after
+            returned, after = functional_call(self.__dict__["_caller"], own, (method, *arguments))
+            return finish(returned), after
 
-        found, way = None, (method, training)
+        outcome, way = None, (method, training)
         if fitting or self.seeds == 1:  # of one seed, vmap costs twice a plain call
             self._vectorised[way] = False
         if way not in self._vectorised:
             kept = {k: v.clone() for k, v in buffers.items()}
             try:
-                found = self._at_once(one, parameters, buffers, arguments, axes)
+                outcome = self._at_once(one, parameters, buffers, arguments, axes)
                 self._vectorised[way] = True
             except InputError:
                 raise
@@ -162,8 +162,8 @@ class SeedWise(nn.Module):
                 for name, value in kept.items():
                     buffers[name].copy_(value)
         elif self._vectorised[way]:
-            found = self._at_once(one, parameters, buffers, arguments, axes)
-        result, after = found or self._in_turn(one, parameters, buffers, arguments, axes)
+            outcome = self._at_once(one, parameters, buffers, arguments, axes)
+        result, after = outcome or self._in_turn(one, parameters, buffers, arguments, axes)
         if training:
             for name, value in after.items():
                 owner, _, leaf = name.rpartition(".")
@@ -175,12 +175,12 @@ class SeedWise(nn.Module):
         static: list[Parts] = []
 
         def call(*given: object) -> tuple:
-            found, after = one(*given)
-            static.append(found)
-            return tuple(value for value in found if value is not None), after
+            parts, after = one(*given)
+            static.append(parts)
+            return tuple(value for value in parts if value is not None), after
 
-        found, after = vmap(call, in_dims=(0, 0, *axes), randomness="error")(*state, *tensors)
-        rest = iter(found)
+        outputs, after = vmap(call, in_dims=(0, 0, *axes), randomness="error")(*state, *tensors)
+        rest = iter(outputs)
         return tuple(None if value is None else next(rest) for value in static[0]), after
 
     def _in_turn(
@@ -195,10 +195,10 @@ class SeedWise(nn.Module):
             each.append(one(*own, *taken))
         if not torch.equal(before, torch.get_rng_state()):
             raise InputError(self.where, f"{self.name} {RANDOM}", WITHOUT_RANDOM)
-        found = tuple(
+        stacked = tuple(
             None if values[0] is None else torch.stack(values) for values in zip(*(e[0] for e in each), strict=True)
         )
-        return found, {k: torch.stack([e[1][k] for e in each]) for k in each[0][1]}
+        return stacked, {k: torch.stack([e[1][k] for e in each]) for k in each[0][1]}
 
 
 class _Caller(nn.Module):

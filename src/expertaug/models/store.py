@@ -63,8 +63,8 @@ class StoredModel:
     @property
     def solver(self) -> Solver:
         """What forecasts are solved with."""
-        given = self.card.forecast_solver
-        return accurate(self.model.system) if given is None else Solver(**dict(given))
+        settings = self.card.forecast_solver
+        return accurate(self.model.system) if settings is None else Solver(**dict(settings))
 
 
 def accurate(system: System) -> Solver:
@@ -140,8 +140,8 @@ def restore(
     """The model that a file's card and tensors make; see :func:`load`."""
     allowed, made = describe.trusted(classes)
     if ":" not in card.kind and card.kind not in ESTIMATORS:
-        found = f"describes no model of these (kind: found '{card.kind}')"
-        raise InputError(path, found, "read it as expertaug.load does")
+        problem = f"describes no model of these (kind: found '{card.kind}')"
+        raise InputError(path, problem, "read it as expertaug.load does")
     own = list(describe.foreign(card, ":" in card.kind or ESTIMATORS[card.kind].trains()))
     for name in own:
         if name not in allowed:
@@ -185,20 +185,20 @@ def _check_tensors(path: str | Path, card: ModelCard, tensors: Mapping[str, Tens
         if value.is_floating_point() and not torch.isfinite(value).all():
             raise InputError(path, f"the tensor {name} has values that are no numbers", "train it again")
         if stacked and (value.dim() == 0 or len(value) != len(card.seeds)):
-            found = f"the tensor {name} has shape {tuple(value.shape)}"
-            raise InputError(path, found, f"it describes {len(card.seeds)} seeds: train it again")
+            problem = f"the tensor {name} has shape {tuple(value.shape)}"
+            raise InputError(path, problem, f"it describes {len(card.seeds)} seeds: train it again")
 
 
 def _units(system: System) -> dict[str, list[list[str]]]:
     """Names and units of the state, of z_e and of known inputs."""
-    found = {
+    units = {
         "state": [[p.name, p.unit] for p in system.state],
         "expert_parameters": [[p.name, p.unit] for p in system.expert_parameters],
     }
     for name in ("inputs", "covariates"):
         if named := getattr(system, name):
-            found[name] = [[p.name, p.unit] for p in named]
-    return found
+            units[name] = [[p.name, p.unit] for p in named]
+    return units
 
 
 def device_of(name: str) -> torch.device:

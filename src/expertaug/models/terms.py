@@ -87,18 +87,18 @@ class Term:
         state = [p.name for p in system.state]
         if self.rate not in state:
             raise InputError(f"term '{self}'", f"'{self.rate}' has no rate", f"known: {', '.join(state)}")
-        known = dict.fromkeys((*state, *(p.name for p in (*system.known, *system.expert_parameters))))
+        names = dict.fromkeys((*state, *(p.name for p in (*system.known, *system.expert_parameters))))
         for name in self.names:
-            if name not in known:
-                raise InputError(f"term '{self}'", f"names '{name}'", f"known: {', '.join(known)}")
+            if name not in names:
+                raise InputError(f"term '{self}'", f"names '{name}'", f"known: {', '.join(names)}")
         return self
 
     def value(self, values: Values) -> Tensor:
         """Its values (…) of quantities by name, (…) each."""
         if self.function is not None:
             return self.function(values)
-        found = _value(self._tree, values)
-        return found if isinstance(found, Tensor) else torch.full_like(next(iter(values.values())), found)
+        result = _value(self._tree, values)
+        return result if isinstance(result, Tensor) else torch.full_like(next(iter(values.values())), result)
 
     @property
     def latex(self) -> str:
@@ -128,13 +128,13 @@ def quantities(
     """
     space = len(system.state_shape) - 1
     cells = (..., *[None] * space)
-    found = {p.name: y.select(-1 - space, k) for k, p in enumerate(system.state) if k == 0 or _in(p.name, chosen)}
-    for given, parameters in ((z_e, system.expert_parameters), (u, system.known)):
-        if given is not None:
+    values = {p.name: y.select(-1 - space, k) for k, p in enumerate(system.state) if k == 0 or _in(p.name, chosen)}
+    for tensor, parameters in ((z_e, system.expert_parameters), (u, system.known)):
+        if tensor is not None:
             for k, p in enumerate(parameters):
-                if p.name not in found and _in(p.name, chosen):  # initial speeds may have the names of components
-                    found[p.name] = given[..., k][cells]
-    return found
+                if p.name not in values and _in(p.name, chosen):  # initial speeds may have the names of components
+                    values[p.name] = tensor[..., k][cells]
+    return values
 
 
 def _in(name: str, chosen: Collection[str] | None) -> bool:
@@ -162,7 +162,9 @@ def _value(node: ast.AST, values: Values) -> Tensor | float:
     text = _text(node)
     if text not in values:
         like = next(iter(values.values()))
-        inside = [torch.as_tensor(_value(one, values), dtype=like.dtype, device=like.device) for one in node.args]
+        inside = [
+            torch.as_tensor(_value(argument, values), dtype=like.dtype, device=like.device) for argument in node.args
+        ]
         values[text] = FUNCTIONS[node.func.id](*inside)
     return values[text]
 
@@ -187,7 +189,7 @@ def _latex(node: ast.AST, outer: int = 0) -> str:
         return ("-" if isinstance(node.op, ast.USub) else "") + _latex(node.operand, 3)
     if isinstance(node, ast.Call):
         assert isinstance(node.func, ast.Name)
-        inside = ", ".join(_latex(one) for one in node.args)
+        inside = ", ".join(_latex(argument) for argument in node.args)
         if node.func.id in LATEX_CALLS:
             return LATEX_CALLS[node.func.id] % inside
         return NAMED.get(node.func.id, rf"\mathrm{{{node.func.id}}}") + rf"\left({inside}\right)"

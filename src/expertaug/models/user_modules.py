@@ -169,18 +169,18 @@ class UserInteraction(_UserModule):
         """z_a (…, B, Q) and z_e (…, B, P) → what :meth:`forward` is given of them, (…, B, width)."""
         if not hasattr(self.module, "context"):
             return z_a
-        return self._one("context", [(z_a, 2), (z_e, 2)], lambda found: self._context(found, z_a.shape[-2]))
+        return self._one("context", [(z_a, 2), (z_e, 2)], lambda result: self._context(result, z_a.shape[-2]))
 
     def forward(self, y: Tensor, context: Tensor, *known: Tensor) -> Tensor:
         """F_a at states y (…, B, *state), the shape of y; ``known`` is one tensor (…, B, ·), where it sees more."""
         rank = len(self.system.state_shape)
-        given = [(y, 1 + rank), (context, 2), *((one, 2) for one in known)]
-        return self._one("forward", given, lambda found: self._rates(found, y.shape[-1 - rank :]))
+        arguments = [(y, 1 + rank), (context, 2), *((tensor, 2) for tensor in known)]
+        return self._one("forward", arguments, lambda result: self._rates(result, y.shape[-1 - rank :]))
 
     def _one(self, method: str, given: Sequence[tuple[Tensor, int]], finish: Callable) -> Tensor:
         """What a method gives for tensors with so many axes each without one of seeds."""
         axes = [self._axis(tensor, alone) for tensor, alone in given]
-        return self.each(method, [tensor for tensor, _ in given], axes, lambda found: (finish(found),))[0]
+        return self.each(method, [tensor for tensor, _ in given], axes, lambda result: (finish(result),))[0]
 
     def _context(self, found: object, samples: int) -> Tensor:
         if not isinstance(found, Tensor) or found.dim() != 2 or len(found) != samples:

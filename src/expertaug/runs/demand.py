@@ -100,27 +100,27 @@ def of_config(config: Configuration, published: Path) -> list[Row]:
     Raises:
         InputError: the folder holds no published run.
     """
-    asked, known = list(_jobs(config)), _published(published)
-    if not known:
+    asked, history = list(_jobs(config)), _published(published)
+    if not history:
         raise InputError("--published", f"no published run in '{published}'", "give the folder that holds them")
-    runs = Counter(seen.run for job in asked for seen in known.get(job[:3], []) if seen.job == job)
+    runs = Counter(seen.run for job in asked for seen in history.get(job[:3], []) if seen.job == job)
     rows = []
     for stage in STAGES:
-        each = [_like(job, known, runs) for job in asked if job.stage == stage]
+        each = [_like(job, history, runs) for job in asked if job.stage == stage]
         if each:
-            seconds = [one[0] for one in each]
-            memory = max(one[1] for one in each)
+            seconds = [estimate[0] for estimate in each]
+            memory = max(estimate[1] for estimate in each)
             hours = sum(seconds) / 3600, max(seconds) / 3600
-            rows.append(Row(stage, len(each), *hours, memory, sum(one[2] for one in each)))
+            rows.append(Row(stage, len(each), *hours, memory, sum(estimate[2] for estimate in each)))
     return rows
 
 
 def table(rows: list[Row]) -> list[str]:
     """The rows as a Markdown table, with their sum."""
     hours, longest_h, memory_mb = zip(*((row.hours, row.longest_h, row.memory_mb) for row in rows), strict=True)
-    jobs_of_all, known = sum(row.jobs for row in rows), sum(row.known for row in rows)
+    jobs_of_all, known_jobs = sum(row.jobs for row in rows), sum(row.known for row in rows)
     largest = float(np.nanmax(longest_h)), float(np.nanmax(memory_mb))
-    total = Row("all", jobs_of_all, float(np.nansum(hours)), *largest, known)
+    total = Row("all", jobs_of_all, float(np.nansum(hours)), *largest, known_jobs)
     cells = [[r.stage, f"{r.jobs:.0f}", *map(_number, r[2:5]), f"{r.known:.0f}"] for r in (*rows, total)]
     head = ["stage", "jobs", "total [h]", "longest job [h]", "largest memory [MB]", "published before"]
     return [f"| {' | '.join(line)} |" for line in (head, ["---", *["---:"] * 5], *cells)]
@@ -165,7 +165,7 @@ def _work(one: Experiment | _PublishedExperiment, stage: str, variant: str, seed
 
 def _published(folder: Path) -> dict[tuple[str, str, str], list[Seen]]:
     """What jobs of every published run took, by stage, experiment and version."""
-    found: dict[tuple[str, str, str], list[Seen]] = {}
+    history: dict[tuple[str, str, str], list[Seen]] = {}
     for path in sorted(Path(folder).glob("*/config.yaml")):
         run = _PublishedRun.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
         for name, cost in costs.read(path.with_name("costs.csv")).items():
@@ -175,8 +175,8 @@ def _published(folder: Path) -> dict[tuple[str, str, str], list[Seen]]:
                 continue
             variant, _, numbers = rest.removeprefix(f"{experiment}_").partition("_seeds_")
             job = _job(run.experiments[experiment], stage, experiment, variant, len(numbers.split("_")))
-            found.setdefault(job[:3], []).append(Seen(path.parent.name, cost.seconds, cost.peak_memory_mb, job))
-    return found
+            history.setdefault(job[:3], []).append(Seen(path.parent.name, cost.seconds, cost.peak_memory_mb, job))
+    return history
 
 
 def _like(

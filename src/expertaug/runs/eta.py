@@ -45,11 +45,11 @@ def estimator(costs: Mapping[str, float], measured: Mapping[str, float]) -> Call
     """
     both = [job for job in measured if costs.get(job)]
     factor = (TRUST_S + sum(measured[job] for job in both)) / (TRUST_S + sum(costs[job] for job in both))
-    known = {job: seconds * factor for job, seconds in costs.items()} | dict(measured)
-    means = [_means(known, without) for without in (_seedless, _stage)]
+    seconds_of = {job: seconds * factor for job, seconds in costs.items()} | dict(measured)
+    means = [_means(seconds_of, without) for without in (_seedless, _stage)]
 
     def seconds(job: str) -> float:
-        likely = [known.get(job), known.get(_without_point(job))]
+        likely = [seconds_of.get(job), seconds_of.get(_without_point(job))]
         likely += [mean.get(of(job)) for mean, of in zip(means, (_seedless, _stage), strict=True)]
         return next((value for value in likely if value is not None), UNMEASURED_S)
 

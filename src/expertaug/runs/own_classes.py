@@ -51,9 +51,9 @@ def check_classes(config: Configuration, only_own: bool = False, device: bool = 
         methods = [*config.experiments[experiment].methods, *config.experiments[experiment].points]
         methods = [m for m in methods if not only_own or foreign(config, experiment, m)]
         if methods:
-            one = _Experiment(config, experiment, methods)
-            lines += one.check(device)
-            for error in one.wrong:  # what is wrong with a class is told once, not for every method that has it
+            trial = _Experiment(config, experiment, methods)
+            lines += trial.check(device)
+            for error in trial.wrong:  # what is wrong with a class is told once, not for every method that has it
                 text = str(error)
                 wrong.setdefault(text.removeprefix(error.where) if ", " in error.where else text, error)
     if wrong:
@@ -81,10 +81,10 @@ class _Experiment:
 
         if device:
             self._try("device", lambda: device_of(self.config.device))
-        one = self.config.experiments[self.name]
+        experiment = self.config.experiments[self.name]
         data = None
-        if one.data.source == "simulation":
-            system = self._system(one.system, simulated=True)
+        if experiment.data.source == "simulation":
+            system = self._system(experiment.system, simulated=True)
             if system is None:
                 return
             yield f"{self.name}: system {type(system).__name__} checked"
@@ -118,25 +118,25 @@ class _Experiment:
         """From the least to the largest value of each parameter over the sets and the priors, each checked."""
         from expertaug.systems.check_system import check_ranges
 
-        one, where = self.config.experiments[self.name], f"experiments.{self.name}"
-        given = {}
+        experiment, where = self.config.experiments[self.name], f"experiments.{self.name}"
+        ranges = {}
         if simulated:
-            given |= {f"{where}.data.sets.{n}.{part}": getattr(s, part) for n, s in one.data.simulated.items()}
+            ranges |= {f"{where}.data.sets.{n}.{part}": getattr(s, part) for n, s in experiment.data.simulated.items()}
         if part == "z_e":
-            priors: dict[str, Augmentation] = {"augmentation": one.augmentation}
-            priors |= {f"augmentations.{name}": prior for name, prior in one.further_priors.items()}
+            priors: dict[str, Augmentation] = {"augmentation": experiment.augmentation}
+            priors |= {f"augmentations.{name}": prior for name, prior in experiment.further_priors.items()}
             for method in self.methods:
                 own = self.config.experiment_of(self.name, method).augmentation
-                if own != one.augmentation:
+                if own != experiment.augmentation:
                     priors[f"overrides.{method}.augmentation"] = own
-            given |= {f"{where}.{key}.prior": a.prior for key, a in priors.items() if a.prior}
+            ranges |= {f"{where}.{key}.prior": a.prior for key, a in priors.items() if a.prior}
         parameters = getattr(system, "expert_parameters" if part == "z_e" else "interaction_parameters", ())
         name = type(system).__name__
-        fits = [self._try(at, lambda: check_ranges(parameters, r, at, name) or True) for at, r in given.items()]  # noqa: B023
+        fits = [self._try(at, lambda: check_ranges(parameters, r, at, name) or True) for at, r in ranges.items()]  # noqa: B023
         if not fits or not all(fits):
             return None
-        ends = {n: [r[n] for r in given.values() if n in r] for n in next(iter(given.values()))}
-        return {n: [min(r[0] for r in found), max(r[1] for r in found)] for n, found in ends.items()}
+        ends = {n: [r[n] for r in ranges.values() if n in r] for n in next(iter(ranges.values()))}
+        return {n: [min(r[0] for r in intervals), max(r[1] for r in intervals)] for n, intervals in ends.items()}
 
     def _simulated(self, system: System) -> Trajectories:
         """A few samples of the training set."""
@@ -228,13 +228,13 @@ class _Experiment:
         try:
             return call()
         except InputError as error:
-            known = error.where == "device" or error.where.startswith("experiments.")
-            self.wrong.append(error if known else InputError(where, str(error)))
+            located = error.where == "device" or error.where.startswith("experiments.")
+            self.wrong.append(error if located else InputError(where, str(error)))
         except SolveError as error:
             self.wrong.append(InputError(where, str(error), "narrow the ranges, or correct the class"))
         except Exception as error:  # a class from elsewhere may raise anything
-            found = f"fails ({type(error).__name__}: {error})"
-            self.wrong.append(InputError(where, found, "correct the class"))
+            problem = f"fails ({type(error).__name__}: {error})"
+            self.wrong.append(InputError(where, problem, "correct the class"))
         return None
 
 

@@ -73,13 +73,15 @@ class Watch(logging.Handler):
     def plan(self) -> list[str]:
         """How many jobs each stage has and how long they will take, the longest first; nothing where there is one."""
         jobs = self.jobs()
-        seconds, known, by_stage = eta.estimator(self.costs, self.measured()), self.known(), eta.by_stage(jobs)
-        times = {stage: eta.remaining(by_stage[stage], seconds, self.cores) for stage in by_stage if stage in known}
+        seconds, known_stages, by_stage = eta.estimator(self.costs, self.measured()), self.known(), eta.by_stage(jobs)
+        times = {
+            stage: eta.remaining(by_stage[stage], seconds, self.cores) for stage in by_stage if stage in known_stages
+        }
         rows = [
             (stage.replace("_", " "), count(by_stage[stage]), f"about {eta.text(times[stage])}")
             for stage in sorted(times, key=times.__getitem__, reverse=True)
         ]
-        if others := [stage for stage in by_stage if stage not in known]:
+        if others := [stage for stage in by_stage if stage not in known_stages]:
             names = ", ".join(sorted(stage.replace("_", " ") for stage in others))
             rows.append(
                 (OTHERS, count([job for stage in others for job in by_stage[stage]]), f"cost not known: {names}")

@@ -38,18 +38,20 @@ def refuse_another(config: Configuration, files: Iterable[str | Path]) -> None:
         return
     names = _names(files)
     if all(run["files"] != names and run["digest"] != _digest(config) for run in runs):
-        found = f"'{folder}' holds the tables of {_said(runs[-1]['files'])}, not of {_said(names)}"
-        raise InputError("results", found, "give another folder (results: …), or set overwrite: true to take this one")
+        problem = f"'{folder}' holds the tables of {_said(runs[-1]['files'])}, not of {_said(names)}"
+        raise InputError(
+            "results", problem, "give another folder (results: …), or set overwrite: true to take this one"
+        )
 
 
 def remember(config: Configuration, files: Iterable[str | Path]) -> None:
     """Write into the results folder by which files it is configured, and at which revision of the code it is run."""
-    folder, names, known = Path(config.results), _names(files), _runs(Path(config.results))
-    before = next((one["revisions"] for one in known if one["files"] == names), [])
+    folder, names, recorded = Path(config.results), _names(files), _runs(Path(config.results))
+    before = next((entry["revisions"] for entry in recorded if entry["files"] == names), [])
     revisions = [*before, *({revision() or "unknown"} - set(before))]
     run = {"files": names, "digest": _digest(config), "revisions": revisions}
-    runs = [*(one for one in known if one["files"] != names), run]
-    if runs != known:
+    runs = [*(entry for entry in recorded if entry["files"] != names), run]
+    if runs != recorded:
         write_json(folder / NAME, {"runs": runs})
 
 
@@ -61,15 +63,15 @@ def revisions(results: Path) -> list[str]:
 def _runs(folder: Path) -> list[dict]:
     if not (folder / NAME).is_file():
         return []
-    found = read_json(folder / NAME)
-    runs = found.get("runs", []) if isinstance(found, dict) else []
-    known = [run for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
-    return [{"files": run.get("files"), "digest": run.get("digest"), "revisions": _texts(run)} for run in known]
+    content = read_json(folder / NAME)
+    runs = content.get("runs", []) if isinstance(content, dict) else []
+    entries = [run for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
+    return [{"files": run.get("files"), "digest": run.get("digest"), "revisions": _texts(run)} for run in entries]
 
 
 def _texts(run: dict) -> list[str]:
-    found = run.get("revisions", [])
-    return [one for one in found if isinstance(one, str)] if isinstance(found, list) else []
+    stored = run.get("revisions", [])
+    return [text for text in stored if isinstance(text, str)] if isinstance(stored, list) else []
 
 
 def _names(files: Iterable[str | Path]) -> list[str]:

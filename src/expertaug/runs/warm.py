@@ -177,8 +177,8 @@ def _fork_for_each(made: str, listener: socket.socket, modules: Iterable[str]) -
     for name in modules:
         with contextlib.suppress(Exception):
             importlib.import_module(name)
-    told = _python_path()
-    sys.path[:] = [entry for entry in sys.path if entry not in told]  # each fork has its own
+    entries = _python_path()
+    sys.path[:] = [entry for entry in sys.path if entry not in entries]  # each fork has its own
     gc.collect()
     gc.freeze()
     waiting = selectors.DefaultSelector()
@@ -294,19 +294,19 @@ def _start(argv: list[str]) -> None:
 
 def _set_path(first: str) -> None:
     """Python's path as a new process has it, and what it does first."""
-    told = _python_path()
-    sys.path[:0] = [first, *told]
+    entries = _python_path()
+    sys.path[:0] = [first, *entries]
     sys.path_importer_cache.clear()
     importlib.invalidate_caches()
-    if told:
+    if entries:
         with contextlib.suppress(ImportError):
             importlib.import_module("sitecustomize")
 
 
 def _python_path() -> list[str]:
     """What ``PYTHONPATH`` names, as Python has it in its path."""
-    told = os.environ.get("PYTHONPATH", "").split(os.pathsep)
-    return [str(Path(entry).absolute()) for entry in told if entry]
+    entries = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    return [str(Path(entry).absolute()) for entry in entries if entry]
 
 
 def _status_of(end: SystemExit) -> int:

@@ -113,8 +113,8 @@ class Files:
 
     def prior_to_train(self, experiment: str, method: str) -> list[str]:
         """The same for the training of a method."""
-        found = jobs.finds_prior_to_train(self.config, experiment, method)
-        return [self.path(f"{experiment}/data/prior.json")] if found else []
+        finds_prior = jobs.finds_prior_to_train(self.config, experiment, method)
+        return [self.path(f"{experiment}/data/prior.json")] if finds_prior else []
 
     def sets_to_cover(self, experiment: str, variant: str = "") -> list[str]:
         """The training set, and those whose observed windows p⁺ of a version is to cover; of none before training."""
@@ -179,15 +179,15 @@ class Files:
         parts = [PurePosixPath(file).parts[-3:] for file in files]
         variants = list(dict.fromkeys(variant for variant, _, name in parts if variant != experiment))
         named = {name for *_, name in parts}
-        found = [*self.to_stages_of_training(experiment)] if "during_training.csv" in named else []
+        needed = [*self.to_stages_of_training(experiment)] if "during_training.csv" in named else []
         for name, before in {
             "model.safetensors": self.to_models,
             "prior.json": self.to_priors,
             "metrics.csv": self.to_scores,
             "forecasts.npz": self.to_scores,
         }.items():
-            found += before(experiment, variants) if name in named else []
-        return [*found, *files]
+            needed += before(experiment, variants) if name in named else []
+        return [*needed, *files]
 
 
 def _methods(variants: Iterable[str]) -> list[str]:

@@ -25,8 +25,8 @@ def read_ranges(path: Path) -> dict[str, list[float]]:
         InputError: no such file, or another one.
     """
     try:
-        found = json.loads(Path(path).read_text(encoding="utf-8"))["ranges"]
-        return {str(name): [float(low), float(high)] for name, (low, high) in found.items()}
+        ranges = json.loads(Path(path).read_text(encoding="utf-8"))["ranges"]
+        return {str(name): [float(low), float(high)] for name, (low, high) in ranges.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(path, f"holds no ranges of p⁺ ({error})", "make it again with own-prior") from error
 

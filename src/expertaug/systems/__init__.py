@@ -43,15 +43,15 @@ def load(settings: SystemSettings | Mapping[str, Any]) -> System:
     if isinstance(settings, SystemSettings):
         settings = settings.model_dump(exclude_unset=True) | {"name": settings.name}
     if not isinstance(settings, Mapping) or "name" not in settings:
-        found = f"found {show(settings)}"
-        raise InputError("system", found, f"give a mapping with a name; known: {', '.join(SYSTEMS)}")
+        problem = f"found {show(settings)}"
+        raise InputError("system", problem, f"give a mapping with a name; known: {', '.join(SYSTEMS)}")
     arguments = dict(settings)
     name = str(arguments.pop("name", ""))
     cls = _class(name)
-    known = registry.arguments(cls)
+    accepted = registry.arguments(cls)
     for key in arguments:
-        if known is not None and key not in known:
-            raise InputError(f"system.{key}", f"unknown to {name}", f"known: {', '.join(known) or 'none'}")
+        if accepted is not None and key not in accepted:
+            raise InputError(f"system.{key}", f"unknown to {name}", f"known: {', '.join(accepted) or 'none'}")
     if inspect.isabstract(cls):
         missing = ", ".join(sorted(cls.__abstractmethods__))
         raise InputError("system.name", f"the class {cls.__name__} does not define {missing}", "a System needs it")
@@ -60,8 +60,8 @@ def load(settings: SystemSettings | Mapping[str, Any]) -> System:
     except InputError:
         raise
     except Exception as error:
-        found = f"{cls.__name__} refuses its arguments ({type(error).__name__}: {error})"
-        raise InputError("system", found, "correct them, or the class") from error
+        problem = f"{cls.__name__} refuses its arguments ({type(error).__name__}: {error})"
+        raise InputError("system", problem, "correct them, or the class") from error
 
 
 def _class(name: str) -> type[System]:
@@ -96,8 +96,8 @@ def names(system: System) -> Names:
         InputError: its states are fields.
     """
     if len(system.state_shape) != 1:
-        found = f"states of {type(system).__name__} have the shape {system.state_shape}"
-        raise InputError("data.files", found, "only states of single numbers are read from tables")
+        problem = f"states of {type(system).__name__} have the shape {system.state_shape}"
+        raise InputError("data.files", problem, "only states of single numbers are read from tables")
     state, parameters, inputs = (
         {p.name: p.unit for p in part} for part in (system.state, system.expert_parameters, system.known)
     )
@@ -121,10 +121,10 @@ def rates(system: System) -> dict[str, str]:
     more = [uniform(PROBES, len(system.known))] if system.known else []
     more += [torch.ones(PROBES, dtype=torch.float64)] if system.has_events else []
     try:
-        found = system.expert(torch.zeros((), dtype=torch.float64), states, z_e, *more)
+        expert_rates = system.expert(torch.zeros((), dtype=torch.float64), states, z_e, *more)
     except Exception:  # a class of the user's may raise anything; what is wrong with it is told where it is used
         return {}
-    same = torch.isclose(found.unsqueeze(-1), states.unsqueeze(-2), rtol=1e-9, atol=1e-12).all(0)
+    same = torch.isclose(expert_rates.unsqueeze(-1), states.unsqueeze(-2), rtol=1e-9, atol=1e-12).all(0)
     names = [p.name for p in system.state]
     return {names[j]: names[i] for i, j in same.nonzero().tolist() if i != j}
 

@@ -57,12 +57,12 @@ def check_system(
     y0 = torch.rand(SAMPLES, *system.state_shape, generator=generator, dtype=torch.float64)
     if simulated:
         y0 = _check_sampler(system, where)
-    known = _check_inputs(system, where, simulated, generator)
+    inputs = _check_inputs(system, where, simulated, generator)
     if system.has_events:
         _check_events(system, where, y0, parameters, simulated)
-        known.append(torch.ones(SAMPLES, dtype=torch.float64))  # the side
+        inputs.append(torch.ones(SAMPLES, dtype=torch.float64))  # the side
     for y in (y0, y0.float()):
-        z, u = parameters.to(y), [each.to(y) for each in known]
+        z, u = parameters.to(y), [each.to(y) for each in inputs]
         _check(system, where, "expert", (torch.tensor(step_s).to(y), y, z, *u), y)
         if system.has_events:  # a time for each sample
             _check(system, where, "expert", (torch.full((SAMPLES,), step_s).to(y), y, z, *u), y)
@@ -71,9 +71,9 @@ def check_system(
         _check(system, where, "observe", (y,), y, same_shape=False)
         _check(system, where, "features", (y,), y, same_shape=False)
         _check_linear_flow(system, where, y, z, solver, step_s, u)
-    _check_gradient(system, where, y0, parameters, known)
+    _check_gradient(system, where, y0, parameters, inputs)
     if simulated:
-        _check(system, where, "truth", (torch.tensor(step_s).to(y0), y0, parameters, latent, *known), y0)
+        _check(system, where, "truth", (torch.tensor(step_s).to(y0), y0, parameters, latent, *inputs), y0)
 
 
 def _check_attributes(system: System, where: str, simulated: bool) -> None:
@@ -91,12 +91,12 @@ def _check_attributes(system: System, where: str, simulated: bool) -> None:
             raise InputError(where, f"{name}.{attribute} names {', '.join(names)}", "every name once")
         for parameter in value:
             if not parameter.scale > 0:
-                found = f"{name}.{attribute}: {parameter.name} has the scale {parameter.scale}"
-                raise InputError(where, found, "a scale is its typical magnitude, above 0")
+                problem = f"{name}.{attribute}: {parameter.name} has the scale {parameter.scale}"
+                raise InputError(where, problem, "a scale is its typical magnitude, above 0")
     names = [p.name for p in (*system.state, *system.known)]
     if len(set(names)) < len(names):
-        found = f"{name} names {', '.join(names)} as state, inputs and covariates"
-        raise InputError(where, found, "every name once: an encoder sees all of them")
+        problem = f"{name} names {', '.join(names)} as state, inputs and covariates"
+        raise InputError(where, problem, "every name once: an encoder sees all of them")
     if system.interpolation not in ("linear", "constant"):
         raise InputError(where, f"{name}.interpolation is {system.interpolation!r}", "linear or constant")
     if not system.state:
@@ -105,8 +105,8 @@ def _check_attributes(system: System, where: str, simulated: bool) -> None:
     if not isinstance(shape, tuple) or not shape or not all(type(n) is int and n > 0 for n in shape):
         raise InputError(where, f"{name}.state_shape is {_brief(shape)}", "give a tuple of whole numbers above 0")
     if shape[0] != len(system.state):
-        found = f"{name}.state_shape is {shape} and state has {len(system.state)} components"
-        raise InputError(where, found, "components come first: (components, *grid)")
+        problem = f"{name}.state_shape is {shape} and state has {len(system.state)} components"
+        raise InputError(where, problem, "components come first: (components, *grid)")
     for method in ("truth", "sample_initial_state") if simulated else ():
         if getattr(type(system), method) is getattr(System, method):
             raise InputError(where, f"{name} does not define {method}", "simulated data need it")
@@ -170,13 +170,13 @@ def _check_events(system: System, where: str, y: Tensor, z_e: Tensor, simulated:
     if len(system.state_shape) > 1:
         raise InputError(where, f"{name} has events and states of shape {system.state_shape}", "no field has events")
     if simulated and system.simulation.method != EVENTS:
-        found = f"{name} has events, and its simulation is by {system.simulation.method}"
-        raise InputError(where, found, f'simulation = Solver("{EVENTS}", substeps=20) stops at them')
-    for one in (y, y.float()):
-        z = z_e.to(one)
-        value = _called(lambda: system.event(one, z), where, f"{name}.event")  # noqa: B023
-        _check_tensor(value, tuple(one.shape[:-1]), one.dtype, where, f"{name}.event")
-        _check(system, where, "jump", (one, z), one)
+        problem = f"{name} has events, and its simulation is by {system.simulation.method}"
+        raise InputError(where, problem, f'simulation = Solver("{EVENTS}", substeps=20) stops at them')
+    for states in (y, y.float()):
+        z = z_e.to(states)
+        value = _called(lambda: system.event(states, z), where, f"{name}.event")  # noqa: B023
+        _check_tensor(value, tuple(states.shape[:-1]), states.dtype, where, f"{name}.event")
+        _check(system, where, "jump", (states, z), states)
 
 
 def _check(
@@ -199,9 +199,9 @@ def _check(
     stacked = [a if a.dim() == 0 else a.expand(SEEDS, *a.shape) for a in arguments]
     group = _called(lambda: call(*stacked), where, name, " with an axis of seeds before the samples")
     if tuple(group.shape) != (SEEDS, *alone.shape):
-        found = f"{name} gives shape {_shape(group)} for {SEEDS} seeds"
+        problem = f"{name} gives shape {_shape(group)} for {SEEDS} seeds"
         remedy = f"give {(SEEDS, *alone.shape)}: index components from the end, as y[..., 0] or y.unbind(-1)"
-        raise InputError(where, found, remedy)
+        raise InputError(where, problem, remedy)
     if not _close(group, alone.expand_as(group)):
         raise InputError(where, f"{name} mixes seeds", "every sample's values depend on that sample alone")
 
@@ -236,11 +236,11 @@ def _check_gradient(system: System, where: str, y: Tensor, z_e: Tensor, u: Seque
     name = f"{type(system).__name__}.expert"
     z = z_e.clone().requires_grad_()
     time = torch.tensor(0.0).to(y)
-    found = _called(lambda: torch.stack((system.expert(time, y, z, *u), system.initial_state(y, z))), where, name)
-    if not found.requires_grad:
+    outputs = _called(lambda: torch.stack((system.expert(time, y, z, *u), system.initial_state(y, z))), where, name)
+    if not outputs.requires_grad:
         remedy = "compute with torch on z_e itself: no numpy, no .item(), no .detach()"
         raise InputError(where, f"{name} does not depend on z_e, or loses its gradient", remedy)
-    (gradient,) = torch.autograd.grad(found.sum(), z)
+    (gradient,) = torch.autograd.grad(outputs.sum(), z)
     if not torch.isfinite(gradient).all():
         raise InputError(where, f"{name} has a gradient by z_e that is not finite", "avoid √ and division at 0")
 
@@ -248,14 +248,14 @@ def _check_gradient(system: System, where: str, y: Tensor, z_e: Tensor, u: Seque
 def _called(call: Callable, where: str, name: str, how: str = "", tensor: bool = True) -> Any:
     """What a method gives; any exception as one line, and anything that is no tensor refused."""
     try:
-        found = call()
+        result = call()
     except (InputError, SolveError):
         raise
     except Exception as error:
         raise InputError(where, f"{name} fails{how} ({type(error).__name__}: {error})", "correct the class") from error
-    if tensor and not isinstance(found, Tensor):
-        raise InputError(where, f"{name} gives {_brief(found)}", "give a torch tensor, not numpy or a number")
-    return found
+    if tensor and not isinstance(result, Tensor):
+        raise InputError(where, f"{name} gives {_brief(result)}", "give a torch tensor, not numpy or a number")
+    return result
 
 
 def _check_tensor(found: Tensor, shape: tuple[int, ...] | None, dtype: torch.dtype, where: str, name: str) -> None:

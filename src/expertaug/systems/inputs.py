@@ -109,12 +109,12 @@ def check_given(system: System, u: Tensor | None, where: str = "u") -> None:
     """
     names = ", ".join(p.name for p in system.known)
     if u is None and names:
-        found = f"{type(system).__name__} has the known inputs {names}"
-        raise InputError(where, "missing", f"{found}: give u (…, {len(system.known)})")
+        problem = f"{type(system).__name__} has the known inputs {names}"
+        raise InputError(where, "missing", f"{problem}: give u (…, {len(system.known)})")
     if u is not None and u.shape[-1] != len(system.known):
-        found = f"u has {u.shape[-1]} components"
+        problem = f"u has {u.shape[-1]} components"
         raise InputError(
-            where, found, f"{type(system).__name__} has {f'{len(system.known)}: {names}' if names else 'none'}"
+            where, problem, f"{type(system).__name__} has {f'{len(system.known)}: {names}' if names else 'none'}"
         )
 
 
@@ -137,8 +137,8 @@ def check_trainable(system: System, where: str = "system") -> None:
         y = (at - slope * (value / slope.square().sum(-1).clamp_min(1e-30)).unsqueeze(-1)).detach()
     before, after = system.observe(y), system.observe(system.jump(y, z_e))
     if not torch.allclose(before, after, rtol=0.0, atol=1e-3 * float(before.abs().max().clamp_min(1e-12))):
-        found = f"what {type(system).__name__} observes jumps at its events, where a loss has no gradient to train by"
-        raise InputError(where, found, "fit windows by least squares, or observe what does not jump")
+        problem = f"what {type(system).__name__} observes jumps at its events, where a loss has no gradient to train by"
+        raise InputError(where, problem, "fit windows by least squares, or observe what does not jump")
 
 
 def states_of(system: System, windows: Tensor) -> Tensor:

@@ -35,8 +35,8 @@ class DampedPendulum(System):
     ) -> None:
         self.start_radius = start_radius
         if start_radius is not None and not (len(start_radius) == 2 and 0 <= start_radius[0] <= start_radius[1] < 7):
-            found = show(list(start_radius))
-            raise InputError("system.start_radius", found, "give [low, high] with 0 ≤ low ≤ high < 7")
+            shown = show(list(start_radius))
+            raise InputError("system.start_radius", shown, "give [low, high] with 0 ≤ low ≤ high < 7")
         if friction not in FRICTIONS:
             raise InputError("system.friction", repr(friction), "estimated, or null")
         if observed not in OBSERVED:

@@ -91,24 +91,24 @@ def trajectories(
     expert = uniform(system.expert_parameters, z_e, n, generator)
     interaction = uniform(system.interaction_parameters, z_a or {}, n, generator)
     y0 = system.sample_initial_state(n, generator)
-    known = _inputs(system, inputs, u, n, torch.from_numpy(t), generator)
+    input_values = _inputs(system, inputs, u, n, torch.from_numpy(t), generator)
     what = f"{type(system).__name__}, set {name}, (sample)"
     y = torch.empty(len(t), *y0.shape, dtype=torch.float64 if noise else torch.float32)
     size = max(CHUNK // y0[0].numel(), 1)
     for part in torch.arange(n).split(size):
-        here = None if known is None else known[part].movedim(1, 0)
+        here = None if input_values is None else input_values[part].movedim(1, 0)
         y[:, part] = _solve(system, y0[part], expert[part], interaction[part], torch.from_numpy(t), what, here).to(y)
     check_finite(y, torch.cat((expert, interaction), dim=-1), what)
     if noise:
         y += noise * torch.randn(y.shape, generator=generator, dtype=torch.float64)
-    given = None if known is None else known.numpy()
-    return Trajectories(t=t, y=y.movedim(0, 1).numpy(), z_e=expert.numpy(), z_a=interaction.numpy(), u=given)
+    input_array = None if input_values is None else input_values.numpy()
+    return Trajectories(t=t, y=y.movedim(0, 1).numpy(), z_e=expert.numpy(), z_a=interaction.numpy(), u=input_array)
 
 
 def _seed_of(seed: int, name: str) -> int:
     """A generator's seed for a set.  It takes 32 bits alone; with a seed of 0 they are the name's."""
-    told = zlib.crc32(name.encode())
-    return told if not seed else int(np.random.SeedSequence([seed, told]).generate_state(1)[0])
+    checksum = zlib.crc32(name.encode())
+    return checksum if not seed else int(np.random.SeedSequence([seed, checksum]).generate_state(1)[0])
 
 
 def _inputs(

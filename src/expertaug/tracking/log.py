@@ -159,8 +159,8 @@ def read_log(path: str | Path) -> Log:
     for row, line in enumerate(lines, 1):
         for name, values in line.metrics.items() if isinstance(line, Step) else ():
             if isinstance(values, tuple) and len(values) != len(header.seeds):
-                found = f"line {row}: {name} has {len(values)} values for {len(header.seeds)} seeds"
-                raise InputError(path, found, "make the log again with its stage")
+                problem = f"line {row}: {name} has {len(values)} values for {len(header.seeds)} seeds"
+                raise InputError(path, problem, "make the log again with its stage")
     return Log(header, tuple(line for line in lines[1:] if not isinstance(line, Header)), size)
 
 
@@ -188,8 +188,8 @@ def _parse(path: str | Path, row: int, text: bytes, first: bool) -> Header | Lin
         place, why = ".".join(str(part) for part in wrong["loc"]), wrong["msg"]
         if first and wrong["type"] == "missing":
             raise InputError(path, f"the header has no {place!r}", "give a log that a training wrote") from None
-        found = f"line {row} is not JSON" if wrong["type"] == "json_invalid" else f"line {row}: {place}: {why}"
-        raise InputError(path, found, "make the log again with its stage") from None
+        problem = f"line {row} is not JSON" if wrong["type"] == "json_invalid" else f"line {row}: {place}: {why}"
+        raise InputError(path, problem, "make the log again with its stage") from None
 
 
 @cache

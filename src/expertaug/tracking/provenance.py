@@ -53,10 +53,10 @@ def machine() -> dict[str, object]:
 
 def versions() -> dict[str, str]:
     """Versions of this package and of those whose change could change a number."""
-    found = {"expertaug": expertaug.__version__}
+    installed = {"expertaug": expertaug.__version__}
     for name in PACKAGES:
         try:
-            found[name] = version(name)
+            installed[name] = version(name)
         except PackageNotFoundError:
             continue
-    return found
+    return installed

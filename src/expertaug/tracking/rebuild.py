@@ -40,19 +40,21 @@ def rebuild(results: Path, uri: str, experiment: str) -> int:
     tracking = Tracking(enabled=True, uri=uri, experiment=experiment)
     moved = _move_aside(database) if database is not None else []
     try:
-        known = before.experiments or {} if before is not None else {}
+        numbers = before.experiments or {} if before is not None else {}
         # In the order of their making, so that they get the numbers that they had.
-        names = sorted({log.header.experiment for _, log in logs} | set(known), key=lambda name: _number(known, name))
+        names = sorted(
+            {log.header.experiment for _, log in logs} | set(numbers), key=lambda name: _number(numbers, name)
+        )
         made = {name: store.connect(uri, tracking.name_of(name), prepare=True)[1] for name in names}
-        for path, log in sorted(logs, key=lambda found: found[1].header.time):
+        for path, log in sorted(logs, key=lambda entry: entry[1].header.time):
             Mirror(tracking, log.header, path).write(log.lines)
     except Exception as error:
         if moved:
             _move_back(database, moved)
         if isinstance(error, InputError):
             raise
-        found = f"the tracking store cannot be made ({store.brief(error)})"
-        raise InputError(uri, found, "check tracking.uri") from error
+        problem = f"the tracking store cannot be made ({store.brief(error)})"
+        raise InputError(uri, problem, "check tracking.uri") from error
     if before is not None:
         marker = before.model_copy(update={"experiments": made})
         files.write_json(Path(results) / MARKER, marker.model_dump(exclude={"rule"}))
@@ -81,13 +83,13 @@ def _find_logs(results: Path, database: Path | None) -> Iterator[tuple[Path, Log
 def _find(results: Path, pattern: str, database: Path | None) -> list[Path]:
     """Files below ``results`` but for work in progress (hidden folders), published copies and the store's own."""
     own = set() if database is None else {database.parent.resolve() / name for name in ("artifacts", "previous")}
-    found = []
+    paths = []
     for path in files.find(results, pattern):
         parts = path.relative_to(results).parts
         hidden = parts[0] == "published" or any(part.startswith(".") for part in parts)
         if not hidden and own.isdisjoint(path.resolve().parents):
-            found.append(path)
-    return found
+            paths.append(path)
+    return paths
 
 
 def _parts(database: Path) -> list[Path]:

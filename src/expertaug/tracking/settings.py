@@ -74,7 +74,11 @@ def tracking_of_run(results: str | Path) -> Tracking | None:
     if not marker.is_file() or not is_inside(marker, results):
         return None
     try:
-        found = read_json(marker)
-        return read(Tracking, found, str(marker)) if isinstance(found, dict) and found.get("enabled") is True else None
+        content = read_json(marker)
+        return (
+            read(Tracking, content, str(marker))
+            if isinstance(content, dict) and content.get("enabled") is True
+            else None
+        )
     except InputError:
         return None

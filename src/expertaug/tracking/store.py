@@ -104,24 +104,24 @@ def connect(uri: str, experiment: str, prepare: bool = False) -> tuple[Any, str]
             path.parent.mkdir(parents=True, exist_ok=True)
         client = MlflowClient(tracking_uri=uri)
         try:
-            known = client.get_experiment_by_name(experiment)
+            existing = client.get_experiment_by_name(experiment)
         except Exception:
             if not (prepare and path is not None and path.exists()):
                 raise
             command = [sys.executable, "-m", "mlflow", "db", "upgrade", uri]
             subprocess.run(command, check=True, capture_output=True)
-            known = client.get_experiment_by_name(experiment)
+            existing = client.get_experiment_by_name(experiment)
         if path is not None and (new or prepare) and _is_local(path):
             with sqlite3.connect(path) as connection:
                 connection.execute("PRAGMA journal_mode=WAL")
             connection.close()
-        if known is None:
+        if existing is None:
             # Only a local store may be told where; a server decides for itself.
             location = None if path is None else str((path.parent / "artifacts").resolve())
             identity = client.create_experiment(experiment, artifact_location=location)
         else:
-            identity = known.experiment_id
-        if known is None or prepare:
+            identity = existing.experiment_id
+        if existing is None or prepare:
             client.set_experiment_tag(
                 identity, f"mlflow.sharedViewState.{VIEW}", json.dumps({"selectedColumns": COLUMNS})
             )

@@ -285,8 +285,8 @@ class Mirror:
             name, params = re.sub(r"[/:.%\"']", "_", text), flatten(self._header.params)
             made = self._client.create_logged_model(self._experiment_id, name, run, tags, params, "expertaug")
             self._client.finalize_logged_model(made.model_id, LoggedModelStatus.READY)
-            for one in (run, self.parent):
-                self._client.log_outputs(one, [LoggedModelOutput(made.model_id, step=0)])
+            for run_id in (run, self.parent):
+                self._client.log_outputs(run_id, [LoggedModelOutput(made.model_id, step=0)])
 
     def _find_parent(self) -> str:
         header = self._header

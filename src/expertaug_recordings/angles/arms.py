@@ -71,16 +71,16 @@ def find_offsets(vectors: np.ndarray, usable: np.ndarray) -> Offsets:
         vectors: between the markers in px, (n, 2, 2).
         usable: (n,), frames that count.
     """
-    found = dict.fromkeys(GROUPS, np.zeros(2))
+    offsets = dict.fromkeys(GROUPS, np.zeros(2))
     seen = vectors[usable]
     seen = seen[:: max(1, len(seen) // MOST)]
     for _ in range(PASSES):
-        true = Offsets(**found).remove(seen)
+        true = Offsets(**offsets).remove(seen)
         step = {}
         for k in (0, 1):
-            step |= _harmonics(true, k, found)
-        found = {name: found[name] + step[name] for name in GROUPS}
-    return Offsets(**found)
+            step |= _harmonics(true, k, offsets)
+        offsets = {name: offsets[name] + step[name] for name in GROUPS}
+    return Offsets(**offsets)
 
 
 def _axes(vectors: np.ndarray) -> np.ndarray:

@@ -48,8 +48,8 @@ def calibrate(train: str | Path, output: str | Path, job: CalibrateJob) -> None:
     """
     chunks = Trajectories.load(train)
     if len(chunks) < 10 or chunks.y.ndim != 3 or chunks.y.shape[1] < 7 or chunks.y.shape[2] != 4:
-        found = f"{len(chunks)} chunks, y of shape {chunks.y.shape}"
-        raise InputError(train, found, "at least 10 chunks of 7 points or more are needed, (N, T, 4)")
+        problem = f"{len(chunks)} chunks, y of shape {chunks.y.shape}"
+        raise InputError(train, problem, "at least 10 chunks of 7 points or more are needed, (N, T, 4)")
     interval = float(chunks.t[1] - chunks.t[0])
     try:
         plain, rubbed = (fit_constants(chunks.seen, interval, friction) for friction in (False, True))

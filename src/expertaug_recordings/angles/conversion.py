@@ -53,7 +53,7 @@ def find_conversion(theta: np.ndarray, rate_hz: float) -> Conversion | None:
     even = _misfit(part, number.astype(float))
     if not even > LIVELY:
         return None
-    found, least = None, BETTER * even
+    best, least = None, BETTER * even
     for ratio, phase in _patterns(rate_hz):
         shown = _shown(number, ratio, phase)
         kept = np.diff(shown, prepend=shown[0] - 1) > 0
@@ -61,10 +61,10 @@ def find_conversion(theta: np.ndarray, rate_hz: float) -> Conversion | None:
             continue
         left = _misfit(part[kept], shown[kept].astype(float))
         if left < 0.99 * least:
-            found, least = (ratio, phase), left
-    if found is None:
+            best, least = (ratio, phase), left
+    if best is None:
         return None
-    ratio, phase = found
+    ratio, phase = best
     shown = _shown(np.arange(len(theta)), ratio, phase)
     source = ratio * rate_hz
     return Conversion(source, (shown - shown[0]) / source, np.diff(shown, prepend=shown[0] - 1) == 0)
@@ -81,7 +81,7 @@ def _patterns(rate_hz: float) -> Iterator[tuple[float, float]]:
     simple = [p / q for q in range(1, FEW + 1) for p in range(1, int(LARGEST * q) + 1)]
     tried: list[float] = []
     for ratio in usual + simple:
-        if LEAST <= ratio <= LARGEST and all(abs(ratio / one - 1) > 2e-4 for one in [1.0, *tried]):
+        if LEAST <= ratio <= LARGEST and all(abs(ratio / other - 1) > 2e-4 for other in [1.0, *tried]):
             tried.append(ratio)
             near = Fraction(ratio).limit_denominator(PHASES)
             count = near.denominator if abs(float(near) - ratio) < 1e-6 else PHASES
@@ -100,8 +100,8 @@ def _liveliest(theta: np.ndarray) -> slice:
 def _are_still(theta: np.ndarray, kept: np.ndarray) -> bool:
     """Whether frames that are said to repeat the one before do so."""
     step = np.append(np.nan, np.linalg.norm(turns(theta), axis=1))
-    known = np.isfinite(step)
-    still, moving = step[known & ~kept], step[known & kept]
+    finite = np.isfinite(step)
+    still, moving = step[finite & ~kept], step[finite & kept]
     return not len(still) or bool(still.mean() < STILL * moving.mean())
 
 

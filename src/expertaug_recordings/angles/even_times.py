@@ -30,14 +30,14 @@ def find_repeated(theta: np.ndarray) -> np.ndarray:
     Arguments:
         theta: angles (n, k) in rad; NaN where they are not known.
     """
-    found = np.zeros(len(theta), dtype=bool)
+    repeated = np.zeros(len(theta), dtype=bool)
     if len(theta) < 4:
-        return found
+        return repeated
     step = turns(theta)
     expected = np.linalg.norm(step[:-2] + step[2:], axis=1) / 2
     with np.errstate(invalid="ignore"):
-        found[2:-1] = (expected > MOVING) & (np.linalg.norm(step[1:-1], axis=1) < STILL * expected)
-    return found
+        repeated[2:-1] = (expected > MOVING) & (np.linalg.norm(step[1:-1], axis=1) < STILL * expected)
+    return repeated
 
 
 def find_dropped(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -133,8 +133,8 @@ class Resampled:
         """Median and 99th percentile of the worse angle's error in degrees; None where nothing was interpolated or too
         little is known."""
         between = np.isfinite(self.error).all(1) & ~self.kept & np.isfinite(self.place).all((1, 2))
-        known = np.rad2deg(self.error[between].max(axis=1))
-        return (float(np.median(known)), float(np.quantile(known, 0.99))) if len(known) else None
+        errors = np.rad2deg(self.error[between].max(axis=1))
+        return (float(np.median(errors)), float(np.quantile(errors, 0.99))) if len(errors) else None
 
 
 def resample(t: np.ndarray, place: np.ndarray, usable: np.ndarray, rate_hz: float) -> Resampled:

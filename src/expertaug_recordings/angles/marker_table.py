@@ -42,7 +42,7 @@ class Timing:
 
     def doubts(self, frames: int) -> list[str]:
         """What the times make doubtful, in plain words."""
-        found = []
+        doubts = []
         if self.converted_from_hz is not None:
             how = f"{self.repeated} frames repeat the one before" if self.repeated else "frames are missing"
             return [
@@ -50,16 +50,16 @@ class Timing:
                 " times were put back, but the original video is better"
             ]
         if self.repeated > MANY_REPEATED * frames:
-            found.append(
+            doubts.append(
                 f"{self.repeated} of {frames} frames repeat the one before: the video was made from one of another"
                 " frame rate, and its times are off by up to a frame; use the original"
             )
         if self.dropped:
-            found.append(
+            doubts.append(
                 f"the motion jumps as if {self.dropped} frames were missing between evenly timed ones: the times after"
                 " them were moved on"
             )
-        return found
+        return doubts
 
 
 @dataclass(frozen=True)
@@ -123,8 +123,8 @@ def read_markers(
     interval = np.diff(t)
     if not (interval > 0).all():
         row = int(np.argmax(~(interval > 0)))
-        found = f"times do not grow: {t[row]} s, then {t[row + 1]} s"
-        raise InputError(path, found, "expected every analysed frame, in order of time")
+        problem = f"times do not grow: {t[row]} s, then {t[row + 1]} s"
+        raise InputError(path, problem, "expected every analysed frame, in order of time")
     mean = (len(t) - 1) / (t[-1] - t[0])
     even = bool((np.abs(interval * mean - 1) < EVEN).all())
     own = float(round(mean, 6)) if even else 1 / float(np.median(interval))

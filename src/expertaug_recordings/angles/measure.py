@@ -79,10 +79,10 @@ def with_motion_between(motion: Motion, fit: Fit, noise: Noise, rate: float) -> 
         frames = np.flatnonzero((motion.reach == reach).any(1))
         states = np.nan_to_num(motion.y[frames])
         bias = np.einsum("nfk,f->nk", _neighbours(states, fit, reach, 1 / rate), weights) - states[:, 2:]
-        told = np.sqrt([noise.variance(weights, k) for k in (0, 1)] + bias**2)
+        modelled = np.sqrt([noise.variance(weights, k) for k in (0, 1)] + bias**2)
         stated = std[frames, 2:]
-        better = (motion.reach[frames] == reach) & np.isfinite(stated) & np.isfinite(told)
-        std[frames, 2:] = np.where(better, told, stated)
+        better = (motion.reach[frames] == reach) & np.isfinite(stated) & np.isfinite(modelled)
+        std[frames, 2:] = np.where(better, modelled, stated)
     return replace(motion, std=std)
 
 
@@ -208,11 +208,11 @@ def measure_angles(markers: str | Path, output: str | Path, summary: str | Path,
     at_once, rolling = (seen, None) if job.single else undo_rolling(seen, trust_tracker(seen)[0])
     markers_in_plane, rectified = rectify(path, at_once, job)
     angles = _measure(path, markers_in_plane, job)
-    found = _summarise(Path(output).parent.name, angles, job, rectified, rolling)
+    recording_summary = _summarise(Path(output).parent.name, angles, job, rectified, rolling)
     _write(output, angles, job)
-    for text in found.warnings:
-        logger.warning("%s: %s", found.recording, text)
-    found.save(summary)
+    for text in recording_summary.warnings:
+        logger.warning("%s: %s", recording_summary.recording, text)
+    recording_summary.save(summary)
 
 
 def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
@@ -227,10 +227,10 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     reason[off] = "arm_length"
     fitting = tracked & ~off
     _require(path, fitting, reason, markers, job)
-    given, order = job.smoothing_window_s, job.smoothing_order
+    window_s, order = job.smoothing_window_s, job.smoothing_order
     how = Smoothing(
         order=order,
-        window=None if given is None else window_frames(given, order, rate),
+        window=None if window_s is None else window_frames(window_s, order, rate),
         longest_gap=max(0, min(job.max_gap_frames, int(np.ceil(np.pi * rate / job.max_speed)) - 2)),
         sigmas=job.outlier_sigmas,
         floor=np.deg2rad(job.outlier_floor_deg),
@@ -282,15 +282,15 @@ def _explained(
         if good.mean() > FEW and not crowded(angles_of(markers.places)):
             raise InputError(path, str(error)) from error
         why, remedy = _too_few(good, reason, markers, job)
-        found = f"{str(error).partition('; ')[0]}; {int(good.sum())} of {len(good)} frames are usable: {why}"
-        raise InputError(path, found, remedy) from error
+        problem = f"{str(error).partition('; ')[0]}; {int(good.sum())} of {len(good)} frames are usable: {why}"
+        raise InputError(path, problem, remedy) from error
     motion = with_motion_between(motion, implied.fit, noise, rate)
     seen = np.where(good[:, None], motion.raw, np.nan)
-    known = np.broadcast_to(noise.std, seen.shape)
+    angle_std = np.broadcast_to(noise.std, seen.shape)
     if markers.interpolation is not None:
-        known = np.hypot(known, filled(markers.interpolation))
+        angle_std = np.hypot(angle_std, filled(markers.interpolation))
         motion = with_errors(motion, markers.interpolation, how.order, rate)
-    return motion, quality, reason, implied, misfit(seen, motion.y, known, implied.fit, rate, job.single)
+    return motion, quality, reason, implied, misfit(seen, motion.y, angle_std, implied.fit, rate, job.single)
 
 
 def angles_of(places: np.ndarray) -> np.ndarray:
@@ -311,8 +311,8 @@ def _require(path: Path, usable: np.ndarray, reason: np.ndarray, markers: Marker
     wanted = max(FEWEST, job.min_usable_s * rate)
     if usable.sum() < wanted:
         why, remedy = _too_few(usable, reason, markers, job)
-        found = f"{int(usable.sum())} of {len(usable)} frames are usable, {int(np.ceil(wanted))} are needed: {why}"
-        raise InputError(path, found, remedy)
+        problem = f"{int(usable.sum())} of {len(usable)} frames are usable, {int(np.ceil(wanted))} are needed: {why}"
+        raise InputError(path, problem, remedy)
 
 
 def _write(output: str | Path, angles: Angles, job: MeasureAnglesJob) -> None:
@@ -399,13 +399,13 @@ def _summarise(
 def _doubts(angles: Angles, uncertain: np.ndarray, job: MeasureAnglesJob) -> list[str]:
     """Where polynomials do not follow the motion, in plain words."""
     good = angles.quality == MEASURED
-    rate, given = angles.markers.rate_hz, job.smoothing_window_s
-    if given is not None:
+    rate, window_s = angles.markers.rate_hz, job.smoothing_window_s
+    if window_s is not None:
         worse = np.sqrt(np.nanmean(angles.motion.std[good, :2] ** 2, axis=0)) / angles.noise.std
         if worse.max() <= MOST_WORSE:
             return []
         return [
-            f"smoothing over {given:g} s makes the angles up to {worse.max():.1f} times as uncertain as the markers:"
+            f"smoothing over {window_s:g} s makes the angles up to {worse.max():.1f} times as uncertain as the markers:"
             " leave out recordings.angles.smoothing_window_s"
         ]
     share = angles.motion.unsmoothed[good].mean(0)

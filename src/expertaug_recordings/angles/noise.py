@@ -31,9 +31,9 @@ class Noise:
 
     def variance(self, weights: np.ndarray, k: int) -> float:
         """Variance in rad² of a weighted sum of neighbouring frames' angles k; ``weights`` (m,)."""
-        known = self.correlation[: len(weights), k]
+        correlation = self.correlation[: len(weights), k]
         lags = np.abs(np.subtract.outer(np.arange(len(weights)), np.arange(len(weights))))
-        matrix = np.where(lags < len(known), known[np.minimum(lags, len(known) - 1)], 0.0)
+        matrix = np.where(lags < len(correlation), correlation[np.minimum(lags, len(correlation) - 1)], 0.0)
         return float(self.std[k] ** 2 * max(weights @ matrix @ weights, 0.0))
 
 

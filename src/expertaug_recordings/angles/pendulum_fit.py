@@ -149,9 +149,9 @@ def _undetermined(spans: int) -> InputError:
 def _check_pendulum(c: Constants) -> None:
     """A pendulum hangs down (G > 0) and has a positive definite inertia (0 < B1 B2 < 1)."""
     if not (c.G1 > 0 and c.G2 > 0 and c.B1 > 0 and c.B2 > 0 and c.B1 * c.B2 < 1):
-        found = ", ".join(f"{name} = {value:.3g}" for name, value in c.to_dict().items())
+        listed = ", ".join(f"{name} = {value:.3g}" for name, value in c.to_dict().items())
         remedy = "check that y grows downwards and the order of the markers"
-        raise InputError("fit of the constants", f"{found} is no pendulum", remedy)
+        raise InputError("fit of the constants", f"{listed} is no pendulum", remedy)
 
 
 CERTAIN_DEG = 3.0  # standard error of a direction that is known
@@ -209,10 +209,10 @@ def find_gravity(y: np.ndarray, interval: float, every: int = 1) -> Gravity | No
     Returns:
         None where the motion does not tell it.
     """
-    found = [_direction(y, interval, every, arm) for arm in (0, 1)]
-    if None in found:
+    directions = [_direction(y, interval, every, arm) for arm in (0, 1)]
+    if None in directions:
         return None
-    angles, errors = (np.array([one[k] for one in found]) for k in (0, 1))
+    angles, errors = (np.array([direction[k] for direction in directions]) for k in (0, 1))
     apart = abs(float(np.angle(np.exp(1j * (angles[0] - angles[1])))))
     if apart > AGREE * np.hypot(*errors) + np.deg2rad(CERTAIN_DEG):
         return None
@@ -319,20 +319,20 @@ def contradictions(
         rate_hz, provenance: stated frame rate and where it is known from.
         arm1_m, rotation_deg: stated length of the first arm in m and direction of gravity in the image.
     """
-    found, rate, tilt = [], implied.rate_hz, implied.tilt_deg
+    conflicts, rate, tilt = [], implied.rate_hz, implied.tilt_deg
     # What this project rendered moves by the real recordings' constants in their nominal time.
     if rate is not None and provenance != RENDERED and abs(rate / rate_hz - 1) > MAX_RATE_ERROR:
         side = "above" if rate > rate_hz else "below"
-        found.append(
+        conflicts.append(
             f"the motion implies {rate:.1f} Hz, {abs(rate / rate_hz - 1):.0%} {side} the stated {rate_hz:g} Hz"
             f" ({provenance}): that rate or the first arm's length of {arm1_m:g} m is wrong"
         )
     if tilt is not None and abs(tilt) > MAX_TILT_DEG:
-        found.append(
+        conflicts.append(
             f"by the motion gravity points {tilt:+.1f}° off the stated direction: set recordings.angles.rotation_deg to"
             f" {_turned(rotation_deg, tilt):.1f}"
         )
-    return found
+    return conflicts
 
 
 def _turned(rotation_deg: float, by_deg: float) -> float:
@@ -375,8 +375,8 @@ def fit_single(y: np.ndarray, rate_hz: float) -> tuple[Fit, Gravity]:
     every = max(1, round(rate_hz * SINGLE_SPAN_S))
     starts = y.shape[1] - (len(WEIGHTS) - 1) * every
     points = [y[:, k * every : k * every + max(0, starts)].reshape(-1, 2) for k in range(len(WEIGHTS))]
-    known = np.isfinite(sum(p.sum(axis=1) for p in points))
-    points = [p[known] for p in points]
+    finite = np.isfinite(sum(p.sum(axis=1) for p in points))
+    points = [p[finite] for p in points]
     interval = every / rate_hz
     sine, cosine = (
         interval * sum(w * of(p[:, 0]) for w, p in zip(WEIGHTS, points, strict=True)) for of in (np.sin, np.cos)

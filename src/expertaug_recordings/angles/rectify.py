@@ -53,10 +53,10 @@ class Board:
     def straighten(self, places: np.ndarray) -> np.ndarray:
         """Places (..., 2) in px without the lens' distortion; NaN stays."""
         flat = np.ascontiguousarray(places, np.float64).reshape(-1, 1, 2)
-        known = np.isfinite(flat).all((1, 2))
+        finite = np.isfinite(flat).all((1, 2))
         out = np.full_like(flat, np.nan)
-        if known.any():
-            out[known] = cv2.undistortPoints(flat[known], self.camera, self.lens, P=self.camera)
+        if finite.any():
+            out[finite] = cv2.undistortPoints(flat[finite], self.camera, self.lens, P=self.camera)
         return out.reshape(places.shape)
 
 
@@ -83,8 +83,8 @@ def read_board(path: str | Path, corners: tuple[int, int]) -> Board:
         if image is None:
             raise InputError(f"{WHERE}.checkerboard", f"'{file}' is no picture", "give a picture, or a folder of them")
         if size not in (None, image.shape[::-1]):
-            found = f"{image.shape[1]}x{image.shape[0]} px, the first {size[0]}x{size[1]} px"
-            raise InputError(file, found, "give pictures of one size, the video's")
+            problem = f"{image.shape[1]}x{image.shape[0]} px, the first {size[0]}x{size[1]} px"
+            raise InputError(file, problem, "give pictures of one size, the video's")
         size = image.shape[::-1]
         good, points = cv2.findChessboardCornersSB(image, corners, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
         if not good:
@@ -242,13 +242,17 @@ def _from_near(places: np.ndarray, stretch: np.ndarray) -> tuple[np.ndarray, np.
         below = np.maximum(1 + places @ x[2:4] / size, 0.1)
         return np.log(np.linalg.norm(np.diff(places @ root / below[..., None], axis=1), axis=-1))
 
-    known = np.median(lengths(np.array(first)), axis=0)
+    log_medians = np.median(lengths(np.array(first)), axis=0)
     noise = max(float(np.max(spread(lengths(np.array(first))))), 1e-6)
-    found = least_squares(
-        lambda x: ((lengths(x) - x[4:]) / noise).ravel(), [*first, *known], loss="soft_l1", x_scale="jac", max_nfev=60
+    solution = least_squares(
+        lambda x: ((lengths(x) - x[4:]) / noise).ravel(),
+        [*first, *log_medians],
+        loss="soft_l1",
+        x_scale="jac",
+        max_nfev=60,
     ).x
-    root = _root(found[0], found[1])
-    return (stretch, np.zeros(2)) if root is None else (root, found[2:4] / size)
+    root = _root(solution[0], solution[1])
+    return (stretch, np.zeros(2)) if root is None else (root, solution[2:4] / size)
 
 
 WORTH = 1.5  # by which factor the arms become steadier where a correction is proposed
@@ -307,14 +311,14 @@ def rectify(path: Path, markers: MarkerTable, options: AngleKeys) -> tuple[Marke
     stretch, direction = _stretch(matrix, np.nanmedian(seen[:, 0], axis=0))
     by = " and ".join((["a checkerboard"] if board else []) + (["the ellipse of the arms"] if chosen.ellipse else []))
     error = None if board is None else board.error_px
-    found = Rectified(by, stretch, direction, furthest, error, tuple(before.tolist()))
-    return _with_places(markers, moved), found
+    rectified = Rectified(by, stretch, direction, furthest, error, tuple(before.tolist()))
+    return _with_places(markers, moved), rectified
 
 
 def worth_it(markers: MarkerTable, usable: np.ndarray, offsets: bool) -> View | None:
     """The view that makes the arms enough steadier to be proposed; None for none."""
-    known = usable & np.isfinite(markers.places).all((1, 2))
-    view = find_view(markers.places, known, offsets) if known.sum() else None
+    complete = usable & np.isfinite(markers.places).all((1, 2))
+    view = find_view(markers.places, complete, offsets) if complete.sum() else None
     if view is None or view.gain < WORTH or _stretch(view.matrix, view.centre)[0] < LEAST_STRETCH:
         return None
     return view
@@ -355,5 +359,5 @@ def _require_inside(path: Path, places: np.ndarray, board: Board) -> None:
     """A board's picture of another size than the video's is refused where it can be told."""
     width, height = board.size
     if np.nanmax(places[..., 0]) > width or np.nanmax(places[..., 1]) > height:
-        found = f"has markers beyond {width}x{height} px, the size of the checkerboard's picture"
-        raise InputError(path, found, "give a picture as large as the video's")
+        problem = f"has markers beyond {width}x{height} px, the size of the checkerboard's picture"
+        raise InputError(path, problem, "give a picture as large as the video's")

@@ -36,10 +36,10 @@ class Rolling:
     @property
     def warning(self) -> str:
         """What was found and done, in plain words."""
-        found = f"the shutter rolls, {1e6 * abs(self.row_s):.1f} µs from row to row, as the second arm's length tells"
+        finding = f"the shutter rolls, {1e6 * abs(self.row_s):.1f} µs from row to row, as the second arm's length tells"
         if self.undone:
-            return f"{found}: the markers were put to the times of the first row; a global shutter is better"
-        return f"{found}, and turns too far between frames to be undone: the uncertainties were widened"
+            return f"{finding}: the markers were put to the times of the first row; a global shutter is better"
+        return f"{finding}, and turns too far between frames to be undone: the uncertainties were widened"
 
 
 def undo_rolling(seen: MarkerTable, usable: np.ndarray) -> tuple[MarkerTable, Rolling | None]:
@@ -54,16 +54,16 @@ def undo_rolling(seen: MarkerTable, usable: np.ndarray) -> tuple[MarkerTable, Ro
     for turn in range(
         ROUNDS
     ):  # speeds by differences of neighbouring frames are too small: what is left is found again
-        found = _row_s(moved, usable & np.isfinite(moved.places).all((1, 2)))
-        if found is None or (turn == 0 and not found.certain):
+        fit = _row_s(moved, usable & np.isfinite(moved.places).all((1, 2)))
+        if fit is None or (turn == 0 and not fit.certain):
             break
-        row_s += found.row_s
+        row_s += fit.row_s
         tried = _without(seen, usable, row_s)
         if tried is None:
             return _widened(seen, row_s), Rolling(row_s, False)
         moved = tried
-    known = usable & np.isfinite(moved.places).all((1, 2))
-    if moved is seen or _spread(seen, usable) < STEADIER * _spread(moved, known):
+    still_usable = usable & np.isfinite(moved.places).all((1, 2))
+    if moved is seen or _spread(seen, usable) < STEADIER * _spread(moved, still_usable):
         return seen, None
     return moved, Rolling(row_s, True)
 
@@ -97,10 +97,10 @@ def _row_s(markers: MarkerTable, usable: np.ndarray) -> _Found | None:
     late = (speed * along[:, 1]).sum(1) * vectors[:, 1, 1]
     turned = np.stack(((along[:, 0] * along[:, 1]).sum(1), np.cross(along[:, 0], along[:, 1])), axis=1)
     design = np.column_stack((late, np.ones(len(late)), turned, along[:, 1]))
-    known = np.isfinite(design).all(1) & np.isfinite(length[:, 1])
-    if known.sum() < FEWEST:
+    finite = np.isfinite(design).all(1) & np.isfinite(length[:, 1])
+    if finite.sum() < FEWEST:
         return None
-    design, target = design[known], length[known, 1]
+    design, target = design[finite], length[finite, 1]
     x, off, used, noise, inverse = trimmed_fit(design, target, np.ones(len(target), bool))
     steadier = float(spread(off[used] + x[0] * design[used, 0])) / noise
     return _Found(float(x[0]), noise * float(np.sqrt(inverse[0, 0])), steadier)
@@ -110,15 +110,15 @@ def _without(seen: MarkerTable, usable: np.ndarray, row_s: float) -> MarkerTable
     """Markers at the times of the first row; None where a marker's own times do not grow."""
     t, usable = seen.t, usable.copy()
     own = [t + row_s * np.where(usable, place[:, 1], 0.0) for place in (seen.joint, seen.tip)]
-    known = np.flatnonzero(usable)
-    if any((np.diff(s[known]) <= 0).any() for s in own):
+    rows = np.flatnonzero(usable)
+    if any((np.diff(s[rows]) <= 0).any() for s in own):
         return None
     arm = seen.joint - seen.pivot
-    first, length1, error1 = interpolate_arm(own[0][known], arm[known], own[1])
+    first, length1, error1 = interpolate_arm(own[0][rows], arm[rows], own[1])
     joint = seen.pivot + from_polar(first, length1)
     second = seen.tip - joint
-    whole = known[np.isfinite(second[known]).all(1)]
-    theta1, length1, error1 = interpolate_arm(own[0][known], arm[known], t)
+    whole = rows[np.isfinite(second[rows]).all(1)]
+    theta1, length1, error1 = interpolate_arm(own[0][rows], arm[rows], t)
     theta2, length2, error2 = interpolate_arm(own[1][whole], second[whole], t)
     joint = seen.pivot + from_polar(theta1, length1)
     tip = joint + from_polar(theta2, length2)
@@ -141,5 +141,5 @@ def _widened(seen: MarkerTable, row_s: float) -> MarkerTable:
 
 
 def _with_error(markers: MarkerTable, error: np.ndarray) -> MarkerTable:
-    known = markers.interpolation
-    return replace(markers, interpolation=error if known is None else np.hypot(known, error))
+    earlier = markers.interpolation
+    return replace(markers, interpolation=error if earlier is None else np.hypot(earlier, error))

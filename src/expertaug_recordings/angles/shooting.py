@@ -126,14 +126,14 @@ class _Problem:
     def predict(self, states: np.ndarray, shared: np.ndarray) -> np.ndarray:
         """Angles (k, POINTS, arms) of starts (k, 4 or 2) and shared unknowns (k, 7 or 3), tilt last."""
         start = torch.as_tensor(states)
-        known = torch.as_tensor(shared)
+        unknowns = torch.as_tensor(shared)
         if self.single:
-            zero, one = torch.zeros(len(start), dtype=start.dtype), torch.ones(len(start), dtype=start.dtype)
+            zero, unit = torch.zeros(len(start), dtype=start.dtype), torch.ones(len(start), dtype=start.dtype)
             start = torch.stack((start[:, 0], zero, start[:, 1], zero), dim=1)
-            constants, friction = Constants(zero, known[:, 0], one, one), (known[:, 1], zero)  # type: ignore[arg-type]
+            constants, friction = Constants(zero, unknowns[:, 0], unit, unit), (unknowns[:, 1], zero)  # type: ignore[arg-type]
         else:
-            constants = Constants(*(known[:, k] for k in range(4)))  # type: ignore[arg-type]
-            friction = (known[:, 4], known[:, 5])
+            constants = Constants(*(unknowns[:, k] for k in range(4)))  # type: ignore[arg-type]
+            friction = (unknowns[:, 4], unknowns[:, 5])
         tilt = shared[:, -1]
         start = start.clone()
         start[:, :2] -= torch.as_tensor(tilt)[:, None]
@@ -229,9 +229,9 @@ def _judge(off: np.ndarray, common: int, problem: _Problem, speeds: np.ndarray) 
     parts = np.zeros((2, 2))
     for k in range(arms):
         parts[:, k] = _parts(square[..., k].ravel() - noise[k] ** 2, speeds[..., k].ravel() ** 2)
-    rms, known = np.zeros((2, 2))
-    rms[:arms], known[:arms] = np.sqrt(square.mean((0, 1))), noise
-    return Misfit(rms, known, parts[0], parts[1], problem.every)
+    rms, noise_rms = np.zeros((2, 2))
+    rms[:arms], noise_rms[:arms] = np.sqrt(square.mean((0, 1))), noise
+    return Misfit(rms, noise_rms, parts[0], parts[1], problem.every)
 
 
 def _parts(excess: np.ndarray, square: np.ndarray) -> np.ndarray:
@@ -239,6 +239,6 @@ def _parts(excess: np.ndarray, square: np.ndarray) -> np.ndarray:
     order = np.array_split(np.argsort(square), BINS)
     high, fast = (np.array([values[part].mean() for part in order]) for values in (excess, square))
     weight = 1 / np.maximum(np.abs(high), np.abs(high).mean())
-    found, _ = nnls(np.stack((weight, weight * fast), 1), weight * high)
-    told = found[0] + found[1] * fast.mean()
-    return found * (max(float(excess.mean()), 0.0) / told if told > 0 else 0.0)
+    coefficients, _ = nnls(np.stack((weight, weight * fast), 1), weight * high)
+    fitted = coefficients[0] + coefficients[1] * fast.mean()
+    return coefficients * (max(float(excess.mean()), 0.0) / fitted if fitted > 0 else 0.0)

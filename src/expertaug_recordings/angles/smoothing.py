@@ -68,11 +68,11 @@ def _halves(order: int, rate: float) -> list[int]:
     """Frames on either side of ever longer windows."""
     half = order // 2 + 1
     longest = max(round(LONGEST_S * rate / 2), FEWEST // 2, half + 1)
-    found = []
+    halves = []
     while half <= longest:
-        found.append(half)
+        halves.append(half)
         half = max(half + 1, round(GROWTH * half))
-    return found
+    return halves
 
 
 def estimate(
@@ -106,8 +106,8 @@ def estimate(
     chosen = risk.argmin(0)
     frames = np.arange(len(theta))
     value, least = values[chosen, frames], risk[chosen, frames]
-    known = np.isfinite(least)
-    return np.where(known, value, np.nan), np.sqrt(np.where(known, least, np.nan)), np.where(known, chosen, -1)
+    finite = np.isfinite(least)
+    return np.where(finite, value, np.nan), np.sqrt(np.where(finite, least, np.nan)), np.where(finite, chosen, -1)
 
 
 def _bias(
@@ -137,10 +137,10 @@ def _bias(
 
 def _local_mean(values: np.ndarray, size: int) -> np.ndarray:
     """Mean over ``size`` neighbours, of those that are known."""
-    known = np.isfinite(values)
-    total = uniform_filter1d(np.where(known, values, 0.0), size, mode="constant")
-    count = uniform_filter1d(known.astype(float), size, mode="constant")
-    return np.where(known, total / np.maximum(count, 1e-9), 0.0)
+    finite = np.isfinite(values)
+    total = uniform_filter1d(np.where(finite, values, 0.0), size, mode="constant")
+    count = uniform_filter1d(finite.astype(float), size, mode="constant")
+    return np.where(finite, total / np.maximum(count, 1e-9), 0.0)
 
 
 OUTLIER_PASSES = 6
@@ -193,8 +193,8 @@ class Motion:
 
 def filled(error: np.ndarray) -> np.ndarray:
     """Errors (n, 2) with the largest of them where nothing is known."""
-    known = np.isfinite(error)
-    return np.where(known, error, error[known].max(initial=0.0))
+    finite = np.isfinite(error)
+    return np.where(finite, error, error[finite].max(initial=0.0))
 
 
 def window_frames(seconds: float, order: int, rate: float) -> int:
@@ -266,7 +266,7 @@ def _turn(theta: np.ndarray, window: int) -> np.ndarray:
 def _best_window(theta: np.ndarray, rate: float, how: Smoothing) -> int:
     """The window whose polynomial best tells an angle by its neighbours."""
     scores = {}
-    for window in (2 * one.half + 1 for one in angle_windows(how.order, rate)[1:]):
+    for window in (2 * candidate.half + 1 for candidate in angle_windows(how.order, rate)[1:]):
         off = _off_neighbours(theta, window, how)
         scores[window] = float(spread(off).sum()) if np.isfinite(off).any() else np.inf
     return min(scores, key=scores.__getitem__)
@@ -283,10 +283,10 @@ def _smooth(
     n = len(theta)
     y, std, raw = np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full((n, 2), np.nan)
     margin, unsmoothed, reach = np.zeros(n, dtype=bool), np.zeros((n, 2), dtype=bool), np.zeros((n, 2), dtype=int)
-    given = how.window is not None
+    fixed = how.window is not None
     shortest = how.window or 2 * (how.order // 2 + 1) + 1
     families = [angle_windows(how.order, rate), speed_windows(how.order, rate)]
-    if given:
+    if fixed:
         families = [_one_window(family, window // 2, how.order) for family in families]
     for span, angles, present in _filled(theta, window, how, shortest):
         raw[span] = np.where(present[:, None], angles, np.nan)
@@ -296,25 +296,27 @@ def _smooth(
         for k in (0, 1):
             for derivative, family in enumerate(families):
                 column = 2 * derivative + k
-                value, error, chosen = estimate(angles[:, k], k, derivative, family, noise, rate, last=given)
+                value, error, chosen = estimate(angles[:, k], k, derivative, family, noise, rate, last=fixed)
                 one_sided = savgol_filter(
                     angles[:, k], shortest, how.order, deriv=derivative, delta=1 / rate if derivative else 1.0
                 )
-                if not (given or derivative):
+                if not (fixed or derivative):
                     one_sided = angles[:, k]
                 y[span, column] = np.where(ends, one_sided, value)
                 std[span, column] = np.where(present & ~ends, error, np.nan)
                 if derivative == 0:
                     unsmoothed[span, k] = (chosen == 0) & present & ~ends
                 else:
-                    differences = np.array([one.half * (one.degree == 2 * one.half) for one in family])
+                    differences = np.array(
+                        [candidate.half * (candidate.degree == 2 * candidate.half) for candidate in family]
+                    )
                     reach[span, k] = np.where(chosen >= 0, differences[chosen], 0)
     return Motion(y, raw, std, unsmoothed, reach, margin, outlier)
 
 
 def _one_window(family: list[Window], half: int, order: int) -> list[Window]:
     """What tells of one window: the shortest ones of its family, and last itself."""
-    shortest = next(k for k, one in enumerate(family) if one.half in (0, order // 2 + 1))
+    shortest = next(k for k, window in enumerate(family) if window.half in (0, order // 2 + 1))
     same = family[shortest].half == half  # a difference of seven frames is the slope of a polynomial through them
     return family[: shortest + 1] + ([] if same else [Window(half, order, shortest)])
 

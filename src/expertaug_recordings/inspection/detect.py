@@ -76,18 +76,18 @@ def find_pendulum(spots: Sequence[Spot], style: str, frames: int) -> Pendulum | 
     single pendulum, with or without its pivot's; None for none."""
     least = max(MIN_FRAMES, MIN_PRESENCE * frames)
     groups = [(hue, g) for hue, own in enumerate(by_hue(spots)) for g in _apart(own, least) if len(g) >= least]
-    groups = sorted(groups, key=lambda one: len(one[1]), reverse=True)[:9]
+    groups = sorted(groups, key=lambda pair: len(pair[1]), reverse=True)[:9]
 
     def chosen(count: int) -> Iterator[list[dict[int, Spot]]]:
         for several in itertools.permutations(groups, count):
             if len({hue for hue, _ in several}) == count:
                 yield [g for _, g in several]
 
-    found = [p for three in chosen(3) if (p := _as_pendulum(style, *three)) is not None]
-    found = found or [p for two in chosen(2) if (p := _as_pendulum(style, None, *two)) is not None]
-    found = found or [p for two in chosen(2) if (p := _as_single(style, *two)) is not None]
-    found = found or [p for (one,) in chosen(1) if (p := _as_single(style, None, one)) is not None]
-    return min(found, key=lambda p: p.spread, default=None)
+    pendulums = [p for three in chosen(3) if (p := _as_pendulum(style, *three)) is not None]
+    pendulums = pendulums or [p for two in chosen(2) if (p := _as_pendulum(style, None, *two)) is not None]
+    pendulums = pendulums or [p for two in chosen(2) if (p := _as_single(style, *two)) is not None]
+    pendulums = pendulums or [p for (bob,) in chosen(1) if (p := _as_single(style, None, bob)) is not None]
+    return min(pendulums, key=lambda p: p.spread, default=None)
 
 
 def _apart(spots: Sequence[Spot], least: float) -> list[dict[int, Spot]]:
@@ -166,8 +166,8 @@ def _plain(number: int, frame: np.ndarray) -> list[Spot]:
 def _parts(mask: np.ndarray, kernel: np.ndarray) -> Iterator[tuple[int, int, int, np.ndarray]]:
     """Width, height, area and middle of the parts of a mask, and of those parts with what is burnt in filled."""
     inked = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (INK, INK))
-    for one in (mask, cv2.morphologyEx(mask, cv2.MORPH_CLOSE, inked)):
-        opened = cv2.morphologyEx(one, cv2.MORPH_OPEN, kernel)
+    for binary in (mask, cv2.morphologyEx(mask, cv2.MORPH_CLOSE, inked)):
+        opened = cv2.morphologyEx(binary, cv2.MORPH_OPEN, kernel)
         _, _, stats, centres = cv2.connectedComponentsWithStats(opened, connectivity=8)
         for (_, _, width, height, area), place in zip(stats[1:], centres[1:], strict=True):
             yield int(width), int(height), int(area), place
@@ -255,8 +255,8 @@ def _origin(pivot: dict[int, Spot] | None, joint: np.ndarray, frames: Sequence[i
 def look_for_pendulum(frames: Sequence[np.ndarray]) -> tuple[Pendulum | None, dict[str, list[Spot]]]:
     """The pendulum of frames spread over a video, and by style all round coloured things in them."""
     spots = {style: find_spots(frames, style) for style in STYLES}
-    found = [p for style, seen in spots.items() if (p := find_pendulum(seen, style, len(frames))) is not None]
-    return max(found, key=_seen, default=None), spots
+    pendulums = [p for style, seen in spots.items() if (p := find_pendulum(seen, style, len(frames))) is not None]
+    return max(pendulums, key=_seen, default=None), spots
 
 
 def _seen(found: Pendulum) -> tuple[int, int]:

@@ -50,7 +50,7 @@ def combine(looks: Sequence[Look]) -> dict[str, object]:
         {"rectify": {"ellipse": True}} if askew else {}
     )
     stated = [look.footage.stated.model_dump(exclude_unset=True) for look in looks]
-    of_all = {k: v for k, v in stated[0].items() if all(k in one and one[k] == v for one in stated)}
+    of_all = {k: v for k, v in stated[0].items() if all(k in settings and settings[k] == v for settings in stated)}
     own: dict[str, dict[str, object]] = {}
     for look, its in zip(looks, stated, strict=True):
         block: dict[str, dict[str, object]] = {}
@@ -99,10 +99,10 @@ def _shared_tracking(looks: Sequence[Look]) -> dict[str, object]:
 def _shared_rotation(looks: Sequence[Look]) -> float | None:
     """The direction of gravity that most recordings share in degrees, None where none tells: cameras are not turned
     between most."""
-    known = [look.gravity for look in looks if look.gravity is not None]
-    if not known:
+    gravities = [look.gravity for look in looks if look.gravity is not None]
+    if not gravities:
         return None
-    like = max(([g for g in known if not _apart(g, one.degrees)] for one in known), key=len)
+    like = max(([g for g in gravities if not _apart(g, gravity.degrees)] for gravity in gravities), key=len)
     return round(min(like, key=lambda g: g.error_deg).degrees, 1) + 0.0
 
 
@@ -178,12 +178,12 @@ def _yaml(looks: Sequence[Look], refused: Sequence[InputError]) -> str:
         lines.append("# analysis_rate_hz: angles of the other and of variable rates are resampled to it")
     if any(look.gravity is not None for look in looks):
         error = max(look.gravity.error_deg for look in looks if look.gravity is not None)
-        known = f"by the motion, to about {max(error, 0.1):.1f} deg"
+        gravity_note = f"by the motion, to about {max(error, 0.1):.1f} deg"
     else:
-        known = "the motion does not tell it, and 0 is taken"
+        gravity_note = "the motion does not tell it, and 0 is taken"
     lines += [
         "# arms_m: lengths of the arms in m, if you know them; they give the frame rate that the motion implies",
-        f"# recordings.angles.rotation_deg: where gravity points in the image: {known}; {DIRECTIONS}",
+        f"# recordings.angles.rotation_deg: where gravity points in the image: {gravity_note}; {DIRECTIONS}",
     ]
     proposed = {"recordings": combine(looks)}
     return (

@@ -55,7 +55,7 @@ def left_over(found: Pendulum, spots: Sequence[Spot], frames: int) -> list[str]:
 
 def _is_marker(spot: Spot, found: Pendulum) -> bool:
     own = (group.get(spot.frame) for group in found.spots if group is not None)
-    return any(one is not None and math.dist(one.centre, spot.centre) < OWN * spot.diameter for one in own)
+    return any(marker is not None and math.dist(marker.centre, spot.centre) < OWN * spot.diameter for marker in own)
 
 
 def _role(hue: float, found: Pendulum) -> str | None:

@@ -146,12 +146,12 @@ def told_by_motion(
     noise, _ = measure_noise(arms.lengths, fitting, longest_window(order, rate))
     how = Smoothing(order, None, 0, options.outlier_sigmas, float(np.deg2rad(options.outlier_floor_deg)))
     motion = smooth_motion(np.where(fitting[:, None], arms.angles(0.0), np.nan), rate, noise, how)
-    known = np.where(motion.margin[:, None], np.nan, motion.y)
+    states = np.where(motion.margin[:, None], np.nan, motion.y)
     every = max(1, round(rate * SPAN_S))
     try:
         if single:
-            return fit_single(known[:, [0, 2]], rate)[1], view
-        return find_gravity(known, every / rate, every), view
+            return fit_single(states[:, [0, 2]], rate)[1], view
+        return find_gravity(states, every / rate, every), view
     except InputError:
         return None, view
 
@@ -225,17 +225,17 @@ def look_at(video: Path, stated: StatedTimes) -> Look:
         InputError: the video cannot be used.
     """
     footage = _read(video, stated)
-    found, spots = look_for_pendulum(footage.frames)
-    if found is None:
+    pendulum, spots = look_for_pendulum(footage.frames)
+    if pendulum is None:
         return Look(footage, spots, refusal=_missing(spots, len(footage.frames)))
-    tracking, geometry, counts = _best_proposal(footage.frames, propose_tracking(found))
+    tracking, geometry, counts = _best_proposal(footage.frames, propose_tracking(pendulum))
     if geometry is None or counts["all"] < MIN_SHARE * counts["frames"]:
         refusal = f"its markers are all found in {counts['all']} of {counts['frames']} frames only"
-        return Look(footage, spots, found, tracking, None, geometry, counts, refusal)
+        return Look(footage, spots, pendulum, tracking, None, geometry, counts, refusal)
     gravity, view = told_by_motion(
         video, footage.stated, footage.times, geometry, TrackMarkersJob.from_mapping(tracking)
     )
-    return Look(footage, spots, found, tracking, gravity, geometry, counts, view=view)
+    return Look(footage, spots, pendulum, tracking, gravity, geometry, counts, view=view)
 
 
 def count_with(frames: Sequence[np.ndarray], tracking: Mapping[str, object]) -> int:
@@ -248,11 +248,11 @@ def _read(path: Path, stated: StatedTimes) -> Footage:
     as long as its user states none."""
     try:
         return _frames_of(path, stated)
-    except FilmedOtherwise as found:
-        told = {"rate_hz": found.rate_hz, "rate_provenance": f"the file's tag {found.tag}"}
-        note = f"filmed at {found.rate_hz:g} Hz by its tag {found.tag} and shown at {found.shown_hz:g} Hz: rate_hz says"
-        note += f" so; if the tag is wrong, give --rate {found.shown_hz:g}"
-        return replace(_frames_of(path, stated.model_copy(update=told)), note=note)
+    except FilmedOtherwise as error:
+        from_tag = {"rate_hz": error.rate_hz, "rate_provenance": f"the file's tag {error.tag}"}
+        note = f"filmed at {error.rate_hz:g} Hz by its tag {error.tag} and shown at {error.shown_hz:g} Hz: rate_hz says"
+        note += f" so; if the tag is wrong, give --rate {error.shown_hz:g}"
+        return replace(_frames_of(path, stated.model_copy(update=from_tag)), note=note)
 
 
 def _frames_of(path: Path, stated: StatedTimes) -> Footage:
@@ -272,12 +272,12 @@ def _best_proposal(
 ) -> tuple[Mapping, Geometry | None, Counter]:
     """The settings with which the tracker finds all markers in the most frames, the first of equals."""
     tried = []
-    for one in proposals:
+    for proposal in proposals:
         try:
-            tried.append((one, *estimate_geometry(frames, TrackMarkersJob.from_mapping(one))))
+            tried.append((proposal, *estimate_geometry(frames, TrackMarkersJob.from_mapping(proposal))))
         except InputError:  # the tracker sees too little of the joint to find the pivot
-            tried.append((one, None, Counter(frames=len(frames))))
-    return max(tried, key=lambda one: one[2]["all"])
+            tried.append((proposal, None, Counter(frames=len(frames))))
+    return max(tried, key=lambda trial: trial[2]["all"])
 
 
 def _missing(spots: Mapping[str, Sequence[Spot]], frames: int) -> str:
@@ -304,6 +304,6 @@ def _short_swing(spots: Sequence[Spot]) -> str:
             try:
                 centre_of_circle(centres)
             except InputError as error:
-                told = error.found.replace("the joint", f"the one of hue {own[min(own)].colour[0]:.0f}°")
-                return f" ({told} unless that has a marker; else say where it is: {error.remedy})"
+                problem = error.found.replace("the joint", f"the one of hue {own[min(own)].colour[0]:.0f}°")
+                return f" ({problem} unless that has a marker; else say where it is: {error.remedy})"
     return ""

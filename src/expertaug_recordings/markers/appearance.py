@@ -99,28 +99,28 @@ class Appearance:
         Raises:
             InputError: a key or a colour is unknown, or two markers have one colour.
         """
-        given = dict(mapping or {})
-        known = ("style", *ROLES, "pivot_px")
-        for key in given:
-            if key not in known:
-                raise InputError(f"{WHERE}.{key}", "unknown key", f"known are {', '.join(known)}")
-        if given.get("style", "quadrant") not in STYLES:
-            raise InputError(f"{WHERE}.style", f"is {given['style']!r}", f"it must be {' or '.join(STYLES)}")
+        fields = dict(mapping or {})
+        valid_keys = ("style", *ROLES, "pivot_px")
+        for key in fields:
+            if key not in valid_keys:
+                raise InputError(f"{WHERE}.{key}", "unknown key", f"known are {', '.join(valid_keys)}")
+        if fields.get("style", "quadrant") not in STYLES:
+            raise InputError(f"{WHERE}.style", f"is {fields['style']!r}", f"it must be {' or '.join(STYLES)}")
         for role in ROLES:
-            if role in given and not (role != "joint" and given[role] is None):
-                given[role] = _colour(role, given[role])
-        appearance = cls(**given)
+            if role in fields and not (role != "joint" and fields[role] is None):
+                fields[role] = _colour(role, fields[role])
+        appearance = cls(**fields)
         if appearance.pivot_px is not None:
             if appearance.pivot is not None:
                 remedy = "it is measured: say pivot: null where it bears no marker"
                 raise InputError(f"{WHERE}.pivot_px", f"given for a {appearance.pivot.name} pivot", remedy)
             point = _numbers(f"{WHERE}.pivot_px", appearance.pivot_px, -1e6, 1e6, "give x and y in px")
-            appearance = cls(**{**given, "pivot_px": point})
+            appearance = cls(**{**fields, "pivot_px": point})
         seen: dict[tuple[float, float], str] = {}
         for role, colour in zip(ROLES, appearance.colours, strict=True):
             if colour is not None and colour.hue in seen:
-                found = f"has the colour of the {seen[colour.hue]}, {colour.name}"
-                raise InputError(f"{WHERE}.{role}", found, "give each marker a colour of its own")
+                problem = f"has the colour of the {seen[colour.hue]}, {colour.name}"
+                raise InputError(f"{WHERE}.{role}", problem, "give each marker a colour of its own")
             if colour is not None:
                 seen[colour.hue] = role
         return appearance

@@ -25,7 +25,7 @@ from expertaug_recordings.video.pixel_layout import MULTIPLE, KeptFrame
 
 def hsv(bgr: np.ndarray) -> np.ndarray:
     """Hue in degrees, saturation and value of colours (m, 3) with full light at 1."""
-    return np.array([_hsv(*one) for one in bgr.tolist()]).reshape(-1, 3)
+    return np.array([_hsv(*colour) for colour in bgr.tolist()]).reshape(-1, 3)
 
 
 def _hsv(blue: float, green: float, red: float) -> tuple[float, float, float]:
@@ -51,16 +51,16 @@ class Palette:
 
     def identify(self, colour: np.ndarray) -> np.ndarray:
         """Which marker (m,) has this hue, saturation and value (m, 3): of several the nearest hue, of none -1."""
-        return np.array([self._nearest(*one) for one in colour.tolist()], int)
+        return np.array([self._nearest(*row) for row in colour.tolist()], int)
 
     def _nearest(self, hue: float, saturation: float, value: float) -> int:
-        found, least = -1, 360.0
+        nearest, least = -1, 360.0
         for k, middle, reach, saturations, values in self._seen:
             away = abs((hue - middle + 180) % 360 - 180)
             strong = saturations[0] <= min(saturation, 1) <= saturations[1] and values[0] <= min(value, 1) <= values[1]
             if strong and away <= reach and away < least:
-                found, least = k, away
-        return found
+                nearest, least = k, away
+        return nearest
 
 
 MIN_QUADRANT = 0.4  # share of the brightness' variance round the disk at two periods a turn; .81 for ideal quadrants
@@ -434,9 +434,9 @@ class PlainFitter(DiskFitter):
             whole = cv2.morphologyEx(
                 mask_of(picture, colour), cv2.MORPH_CLOSE, self._kernel
             )  # a hub or a screw is filled
-            found = self._centres(cv2.erode(whole, self._kernel), largest)
+            centres = self._centres(cv2.erode(whole, self._kernel), largest)
             # A ring close to the rim leaves a thinner core, and of the rim too little to see in a small image.
-            parts.append(found if len(found) else self._centres(cv2.erode(whole, self._thin), largest))
+            parts.append(centres if len(centres) else self._centres(cv2.erode(whole, self._thin), largest))
         return np.concatenate(parts)
 
 

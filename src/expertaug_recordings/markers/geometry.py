@@ -61,19 +61,19 @@ def estimate_geometry(frames: Iterable[np.ndarray], settings: TrackMarkersJob) -
     twins = [(), *(_twins(seen, k, settings) if k < appearance.last else () for k in (1, 2))]
     if appearance.first == 0:
         twins[0] = _other_pivots(seen, settings, twins[1])
-    centres, diameters, residuals, found = [], [], [], Counter(frames=len(seen))
+    centres, diameters, residuals, counts = [], [], [], Counter(frames=len(seen))
     for disks in seen:
         if disks is None:
             continue
         chosen = [best(disks, k, settings, twins[k]) for k in range(appearance.first, appearance.last)]
-        found.update(name for name, place in zip(appearance.seen, chosen, strict=True) if place is not None)
+        counts.update(name for name, place in zip(appearance.seen, chosen, strict=True) if place is not None)
         if None not in chosen:
-            found["all"] += 1
+            counts["all"] += 1
             centres.append(disks.centre[chosen])
             diameters.append(2 * disks.radius[chosen].mean())
             residuals.append(disks.residual[chosen])
-    if len(centres) < max(1, min(3, found["frames"])):
-        return None, found
+    if len(centres) < max(1, min(3, counts["frames"])):
+        return None, counts
     centre = np.array(centres, np.float64)
     pivot = None
     if appearance.pivot is None:
@@ -84,7 +84,7 @@ def estimate_geometry(frames: Iterable[np.ndarray], settings: TrackMarkersJob) -
     residual = np.array(residuals)
     before, after = [0.0] * appearance.first, [0.0] * (3 - appearance.last)
     usual = before + (np.median(residual, axis=0) + WIDE * np.array(_spread(residual))).tolist() + after
-    return Geometry(*arms, float(np.median(diameters)), pivot, tuple(spread), tuple(usual), tuple(twins)), found
+    return Geometry(*arms, float(np.median(diameters)), pivot, tuple(spread), tuple(usual), tuple(twins)), counts
 
 
 def _spread(values: np.ndarray) -> list[float]:
@@ -107,15 +107,15 @@ def _twins(seen: Sequence[Disks | None], k: int, settings: TrackMarkersJob) -> t
     """Places at which something that looks like the moving marker k is in most of the frames, while another one that
     does is elsewhere."""
     places, numbers = _sightings(seen, k, settings)
-    frames, found = len(seen), []
+    frames, twins = len(seen), []
     for place in places:
         there = np.hypot(*(places - place).T) < TWIN * settings.marker_diameter_px
         often = len(set(numbers[there])) > TWIN_SHARE * frames
         elsewhere = len(set(numbers[~there])) > TWIN_SHARE * frames
-        new = all(math.dist(place, other) > TWIN * settings.marker_diameter_px for other in found)
+        new = all(math.dist(place, other) > TWIN * settings.marker_diameter_px for other in twins)
         if often and elsewhere and new:
-            found.append(tuple(np.median(places[there], axis=0).tolist()))
-    return tuple(found)
+            twins.append(tuple(np.median(places[there], axis=0).tolist()))
+    return tuple(twins)
 
 
 def _other_pivots(

@@ -101,17 +101,19 @@ def _calibrate(store: str | Path, frames: MaskedFrames, settings: TrackMarkersJo
         settings = settings.model_copy(update={"marker_diameter_px": diameter})
     chosen = _spread(len(frames), settings.calibration_frames)
     try:
-        geometry, found = estimate_geometry((frames[int(i)] for i in chosen), settings)
+        geometry, counts = estimate_geometry((frames[int(i)] for i in chosen), settings)
     except InputError as error:
         raise InputError(store, str(error)) from error
     if geometry is None:
         appearance = settings.appearance
-        seen = ", ".join(f"{name} in {found[name]}" for name in appearance.seen)
+        seen = ", ".join(f"{name} in {counts[name]}" for name in appearance.seen)
         wanted = {1: "it", 2: "both", 3: "all three"}[len(appearance.seen)]
-        whole = f"of {found['frames']} frames looked at, {found['all']} show {wanted} ({seen})"
+        whole = f"of {counts['frames']} frames looked at, {counts['all']} show {wanted} ({seen})"
         raise _no_markers(store, whole, settings)
-    given = (settings.arm1_px, settings.arm2_px)
-    arms = [own if own is not None else seen for own, seen in zip(given, (geometry.arm1, geometry.arm2), strict=True)]
+    configured = (settings.arm1_px, settings.arm2_px)
+    arms = [
+        own if own is not None else seen for own, seen in zip(configured, (geometry.arm1, geometry.arm2), strict=True)
+    ]
     return settings, replace(geometry, arm1=arms[0], arm2=arms[1])
 
 

@@ -65,12 +65,14 @@ class Tracker:
         self.appearance = settings.appearance
         self.fitter = fitter(geometry.diameter, settings.min_level, settings.rim_tolerance, self.appearance, STIFFNESS)
         scale = settings.scale
-        spread = [WIDE * one for one in geometry.spread]
-        self.arm_tolerance = [settings.arm_tolerance_px or max(ARM * scale, one) for one in spread]
+        spread = [WIDE * sigma for sigma in geometry.spread]
+        self.arm_tolerance = [settings.arm_tolerance_px or max(ARM * scale, arm_spread) for arm_spread in spread]
         self.arm_search = settings.arm_search_px or max(SEARCH * scale, *spread)
         # Nothing is burnt into quadrants: what their insides are off is error, more of it after strong compression.
         most = MOST_RESIDUAL * scale if self.appearance.style == "quadrant" else math.inf
-        usual = [settings.max_residual_px or min(max(RESIDUAL * scale, one), most) for one in geometry.residual]
+        usual = [
+            settings.max_residual_px or min(max(RESIDUAL * scale, residual), most) for residual in geometry.residual
+        ]
         self.residual = usual
         self.names = self.appearance.names[: self.appearance.last]
         self.twins = geometry.twins
@@ -92,11 +94,11 @@ class Tracker:
             index = k - first
             seen = index < len(predicted) and there[index] and identity[index] == k
             if seen and self._fits_arm(k, disks.centre[index], centre):
-                found = disks
+                fitted = disks
             else:
-                found, index = self._search(frame, k, centre)
+                fitted, index = self._search(frame, k, centre)
             if index is not None:
-                centre[k], share[k], residual[k] = found.centre[index], found.share[index], found.residual[index]
+                centre[k], share[k], residual[k] = fitted.centre[index], fitted.share[index], fitted.residual[index]
         self._remember(centre)
         return centre, *self._judge(frame, centre, share, residual)
 
@@ -162,7 +164,7 @@ class Tracker:
             return UNUSABLE, "lost:" + "+".join(lost)
         if not all(self._fits_arm(k, centre[k], centre) for k in range(JOINT, last)):
             return UNUSABLE, "arm_length"
-        if any(one > most for one, most in zip(residual.tolist(), self.residual, strict=True)):
+        if any(marker_residual > most for marker_residual, most in zip(residual.tolist(), self.residual, strict=True)):
             return UNUSABLE, "residual"
         if lost:  # the pivot alone, whose neighbours tell where it is: the others must be sound for that
             return UNUSABLE, "lost:" + "+".join(lost)

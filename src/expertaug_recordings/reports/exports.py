@@ -81,8 +81,8 @@ def _deeplabcut(path: Path, points: pd.DataFrame) -> None:
     cells = []
     for name in ROLES:
         place = points[[f"{name}_x", f"{name}_y"]].to_numpy()
-        found = np.isfinite(place).all(1)
-        level = np.where(found, np.maximum(points["quality"].to_numpy(), UNUSABLE), UNUSABLE)
+        present = np.isfinite(place).all(1)
+        level = np.where(present, np.maximum(points["quality"].to_numpy(), UNUSABLE), UNUSABLE)
         cells.append(np.column_stack((place, level)))
     table = pd.DataFrame(np.concatenate(cells, axis=1), index=points["frame"].to_numpy(), columns=columns)
     with atomic(path) as temporary:

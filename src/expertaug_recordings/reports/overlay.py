@@ -52,8 +52,8 @@ def read_forecasts(
     Raises:
         InputError: a file cannot be used, does not say of which chunks it is or is of frames that are not there.
     """
-    found = [f for label, path in files.items() for f in _of_method(label, Path(path), recording, frame, rate_hz)]
-    return sorted(found, key=lambda f: int(f.rows[0]))
+    forecasts = [f for label, path in files.items() for f in _of_method(label, Path(path), recording, frame, rate_hz)]
+    return sorted(forecasts, key=lambda f: int(f.rows[0]))
 
 
 def _of_method(label: str, path: Path, recording: str, frame: np.ndarray, rate_hz: float) -> Iterator[Forecast]:
@@ -71,8 +71,8 @@ def _of_method(label: str, path: Path, recording: str, frame: np.ndarray, rate_h
                 continue
             start = int(np.searchsorted(frame, int(first))) if first.isdecimal() else len(frame)
             if start + steps[-1] >= len(frame) or frame[start] != int(first):
-                found = f"forecasts {str(identity)!r} over {steps[-1] + 1} frames"
-                raise InputError(path, found, f"{recording} has no such frames: run evaluate again")
+                problem = f"forecasts {str(identity)!r} over {steps[-1] + 1} frames"
+                raise InputError(path, problem, f"{recording} has no such frames: run evaluate again")
             yield Forecast(label, start + steps, states[:, columns].astype(float))
 
 
@@ -137,14 +137,16 @@ def overlay(
     fps = rate * job.speed / stride
     rows = _rows(seen, predicted, job, stride)
     if not len(rows):
-        found = f"{job.start_s:g} s is after its end at {seen.t[-1]:.2f} s"
-        raise InputError("recordings.overlay.start_s", found, "choose an earlier part")
+        problem = f"{job.start_s:g} s is after its end at {seen.t[-1]:.2f} s"
+        raise InputError("recordings.overlay.start_s", problem, "choose an earlier part")
     with open_frames(video, job) as source:
         step = max(1, math.floor(source.rate_hz / rate + 1e-3))
         other = seen.summary.timing.frames_hz is None and abs(step * rate / source.rate_hz - 1) > 1e-3
         if other or int(seen.source.max()) * step >= source.count:
-            found = f"{source.count} frames at {source.rate_hz:g} Hz"
-            raise InputError(video, found, f"{markers} has {len(seen.t)} at {rate:g} Hz: give the video that it is of")
+            problem = f"{source.count} frames at {source.rate_hz:g} Hz"
+            raise InputError(
+                video, problem, f"{markers} has {len(seen.t)} at {rate:g} Hz: give the video that it is of"
+            )
         painter = Painter(seen, predicted, (source.width, source.height))
         wanted: dict[int, list[int]] = {}
         for row in rows:
@@ -177,18 +179,20 @@ def note(words: str, output: str | Path) -> None:
 def _read(markers: str | Path, angles: str | Path, summary: str | Path) -> Measured:
     points = read_table(markers, ("frame", *PLACES), made_by="track_markers")
     table = read_table(angles, ("frame", "t", "theta1", "theta2", "quality", "source"), ("reason",))
-    found = RecordingSummary.load(summary)
-    resampled = found.timing.frames_hz is not None
+    recording_summary = RecordingSummary.load(summary)
+    resampled = recording_summary.timing.frames_hz is not None
     same = resampled or (len(points) == len(table) and (points["frame"] == table["frame"]).all())
     source = table["source"].to_numpy()
-    if not (same and len(table) == found.frames and ((source >= 0) & (source < len(points))).all()):
-        counts = f"{len(points)} frames, {angles} has {len(table)}, {summary} has {found.frames}"
+    if not (same and len(table) == recording_summary.frames and ((source >= 0) & (source < len(points))).all()):
+        counts = f"{len(points)} frames, {angles} has {len(table)}, {summary} has {recording_summary.frames}"
         raise InputError(markers, counts, "they are not of one measurement: run measure_angles again")
     if not table["quality"].isin(list(SHADES)).all():
         raise InputError(angles, "a frame without a quality of 0, .5 or 1", "run measure_angles again")
     place = points[list(PLACES)].to_numpy().reshape(-1, 3, 2)[source.astype(int)]
     frame, t, quality, reason = (table[name].to_numpy() for name in ("frame", "t", "quality", "reason"))
-    return Measured(found, frame, source.astype(int), t, place, table[["theta1", "theta2"]].to_numpy(), quality, reason)
+    return Measured(
+        recording_summary, frame, source.astype(int), t, place, table[["theta1", "theta2"]].to_numpy(), quality, reason
+    )
 
 
 def _rows(seen: Measured, predicted: Sequence[Forecast], job: OverlayJob, stride: int) -> np.ndarray:
@@ -197,8 +201,8 @@ def _rows(seen: Measured, predicted: Sequence[Forecast], job: OverlayJob, stride
     end = math.inf if job.duration_s is None else job.start_s + job.duration_s
     shown = (t >= job.start_s) & (t < end)
     if shown.any():
-        for one in predicted:
-            shown |= (t >= t[one.rows[0]] - AROUND_S) & (t <= t[one.rows[-1]] + AROUND_S)
+        for forecast in predicted:
+            shown |= (t >= t[forecast.rows[0]] - AROUND_S) & (t <= t[forecast.rows[-1]] + AROUND_S)
     return np.flatnonzero(shown & (np.arange(len(t)) % stride == 0))
 
 
@@ -207,16 +211,16 @@ class Painter:
 
     def __init__(self, seen: Measured, predicted: Sequence[Forecast], size: tuple[int, int]) -> None:
         self.seen, self.predicted = seen, predicted
-        labels = dict.fromkeys(one.label for one in predicted)
+        labels = dict.fromkeys(forecast.label for forecast in predicted)
         self.ghosts = {label: GHOSTS[k % len(GHOSTS)] for k, label in enumerate(labels)}
         width, height = size
         self.factor = max(1.0, HEIGHTS[0] / height) if height < HEIGHTS[1] else HEIGHTS[1] / height
         self.frame_size = round(width * self.factor), round(height * self.factor)
         self.size = self.frame_size[0] + self.frame_size[0] % 2, self.frame_size[1] + PANEL + (self.frame_size[1] % 2)
-        found = seen.summary
-        self.arms = np.array((found.arm1_px, found.arm2_px))
-        self.pivot = np.array((found.pivot_x_px, found.pivot_y_px))
-        self.gravity = math.radians(found.rotation_deg)  # its direction in the image
+        summary = seen.summary
+        self.arms = np.array((summary.arm1_px, summary.arm2_px))
+        self.pivot = np.array((summary.pivot_x_px, summary.pivot_y_px))
+        self.gravity = math.radians(summary.rotation_deg)  # its direction in the image
         self.radius = max(4.0, 0.11 * float(self.arms.min())) * self.factor
 
     def places(self, theta: np.ndarray) -> np.ndarray:
@@ -236,10 +240,10 @@ class Painter:
         elif np.isfinite(theta).all():
             drawing.line(view, self.places(theta) * self.factor, SHADES[INTERPOLATED])
         now = [f for f in self.predicted if f.rows[0] <= row <= f.rows[-1]]
-        for one in now:
-            ghost = self.places(one.at(row)) * self.factor
-            drawing.line(view, ghost, self.ghosts[one.label])
-            drawing.ring(view, ghost[2], self.radius, self.ghosts[one.label])
+        for forecast in now:
+            ghost = self.places(forecast.at(row)) * self.factor
+            drawing.line(view, ghost, self.ghosts[forecast.label])
+            drawing.ring(view, ghost[2], self.radius, self.ghosts[forecast.label])
         self._words(view, row, quality, now)
         self._panel(image[self.frame_size[1] :], row)
         return image
@@ -249,11 +253,11 @@ class Painter:
         drawing.text(view, f"{seen.summary.recording}   t = {seen.t[row]:.3f} s", (MARGIN, 20))
         why = f": {seen.reason[row]}" if seen.reason[row] else ""
         drawing.text(view, f"{STATES[quality]}{why}", (MARGIN, 40), SHADES[quality])
-        for k, one in enumerate(now):
-            off = np.rad2deg(np.angle(np.exp(1j * (one.at(row) - seen.theta[row]))))
-            span = seen.t[row] - seen.t[one.rows[0]]
-            words = f"{one.label}: forecast over {span:.2f} s, off by {off[0]:+.1f} and {off[1]:+.1f} deg"
-            drawing.text(view, words, (MARGIN, 60 + 20 * k), self.ghosts[one.label])
+        for k, forecast in enumerate(now):
+            off = np.rad2deg(np.angle(np.exp(1j * (forecast.at(row) - seen.theta[row]))))
+            span = seen.t[row] - seen.t[forecast.rows[0]]
+            words = f"{forecast.label}: forecast over {span:.2f} s, off by {off[0]:+.1f} and {off[1]:+.1f} deg"
+            drawing.text(view, words, (MARGIN, 60 + 20 * k), self.ghosts[forecast.label])
 
     def _panel(self, panel: np.ndarray, row: int) -> None:
         """Angles over time round the present, a band of the frames' quality and the present's values."""
@@ -276,19 +280,19 @@ class Painter:
             drawing.line(panel, ends, (70, 70, 70), shade=False)
         for k, colour in enumerate(THETA):
             _trace(panel, across(t[span]), seen.theta[span, k], down, colour)
-            for one in self.predicted:
-                if one.rows[0] <= row:
-                    _trace(panel, across(t[one.rows]), one.theta[:, k], down, self.ghosts[one.label])
+            for forecast in self.predicted:
+                if forecast.rows[0] <= row:
+                    _trace(panel, across(t[forecast.rows]), forecast.theta[:, k], down, self.ghosts[forecast.label])
         x = float(across(t[row]))
         drawing.line(panel, np.array([[x, top], [x, bottom]]), drawing.ARM, shade=False)
         for value, shade in SHADES.items():
             for place in across(t[span][seen.quality[span] == value]).round().astype(int):
                 panel[-8:-3, max(0, place - 1) : place + 1] = shade
         for k, angle in enumerate(seen.theta[row].tolist()):
-            known = (
+            angle_text = (
                 f"{math.degrees(math.remainder(angle, 2 * math.pi)):+.1f} deg" if math.isfinite(angle) else "unknown"
             )
-            drawing.text(panel, f"theta{k + 1} {known}", (MARGIN + 150 * k, 17), THETA[k])
+            drawing.text(panel, f"theta{k + 1} {angle_text}", (MARGIN + 150 * k, 17), THETA[k])
         drawing.text(panel, "-180 to 180 deg", (width - 120, 17), (150, 150, 150), 0.4)
 
 

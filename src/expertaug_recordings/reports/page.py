@@ -45,12 +45,12 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
         InputError: a file is missing or lacks a column or a value.
     """
     points, table = read_table(markers, PLACES), read_table(angles, COLUMNS)
-    found = RecordingSummary.load(summary)
+    recording_summary = RecordingSummary.load(summary)
     source = table["source"].to_numpy(int)
-    if len(table) != found.frames or not ((source >= 0) & (source < len(points))).all():
+    if len(table) != recording_summary.frames or not ((source >= 0) & (source < len(points))).all():
         raise InputError(markers, f"{len(points)} frames, {angles} has {len(table)}", "run measure_angles again")
-    heading, reasons = _heading(found), found.reasons
-    warned = "\n".join(textwrap.fill(f"Warning: {text}.", WIDTH - 14) for text in found.warnings)
+    heading, reasons = _heading(recording_summary), recording_summary.reasons
+    warned = "\n".join(textwrap.fill(f"Warning: {text}.", WIDTH - 14) for text in recording_summary.warnings)
     lines, warned_lines = heading.count("\n") + 1, warned.count("\n") + 1 if warned else 0
     above = 0.35 + LINE * (lines + 1.3 * warned_lines)  # inches
     heights = [0.75, 0.75, 1.5, 0.75, 0.75, 0.75, 1.2, 0.2, 0.1 + 0.2 * max(1, len(reasons))]
@@ -63,13 +63,13 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
         def write(inches: float, text: str, **look: object) -> None:
             figure.text(0.02, 1 - inches / height, text, ha="left", va="top", linespacing=1.4, **look)
 
-        write(0.08, f"Recording {found.recording}", fontsize=11, fontweight="bold")
+        write(0.08, f"Recording {recording_summary.recording}", fontsize=11, fontweight="bold")
         write(0.35, heading)
         write(0.35 + LINE * (lines + 0.2), warned, color=WRONG, fontweight="bold")
         t, quality = table["t"].to_numpy(float), table["quality"].to_numpy(float)
         _lengths(over_time[:2], t, points.to_numpy(float)[source], table, quality)
         _angles(over_time[2], t, table, quality)
-        _smoothed(over_time[3:5], t, table, quality, found.rotation_error_deg)
+        _smoothed(over_time[3:5], t, table, quality, recording_summary.rotation_error_deg)
         _speeds(over_time[5], t, table)
         _energy(over_time[6], t, table["energy"].to_numpy(float), quality)
         _used(band, t, quality)

@@ -72,17 +72,17 @@ def review_recording(
     """
     points = read_table(markers, ("frame", *PLACES), made_by="track_markers")
     table = read_table(angles, ("t", "quality", "source"), ("reason",))
-    found = RecordingSummary.load(summary)
+    recording_summary = RecordingSummary.load(summary)
     source = table["source"].to_numpy(int)
     if not ((source >= 0) & (source < len(points))).all():
         raise InputError(markers, f"{len(points)} frames, {angles} has {len(table)}", "run measure_angles again")
     place = points[list(PLACES)].to_numpy().reshape(-1, 3, 2)[source]
     length = np.linalg.norm(np.diff(place, axis=1), axis=2)
-    off = np.abs(length / (found.arm1_px, found.arm2_px) - 1).max(axis=1)
+    off = np.abs(length / (recording_summary.arm1_px, recording_summary.arm2_px) - 1).max(axis=1)
     reason, quality = table["reason"].to_numpy(), table["quality"].to_numpy()
     chosen = worst_frames(quality, reason, off)
     with open_frames(video, job) as frames:
-        step = max(1, int(np.floor(frames.rate_hz / found.rate_hz + 1e-3)))
+        step = max(1, int(np.floor(frames.rate_hz / recording_summary.rate_hz + 1e-3)))
         wanted = {int(source[row]) * step: row for row in chosen}
         tiles = {}
         for number, image in frames.frames(step):
@@ -94,7 +94,7 @@ def review_recording(
                 break
     _write_sheet(sheet, [tiles[row] for row in sorted(tiles)])
     lines = [
-        [found.recording, int(points["frame"][source[row]]), name, *place[row, k], reason[row]]
+        [recording_summary.recording, int(points["frame"][source[row]]), name, *place[row, k], reason[row]]
         for row in chosen
         for k, name in enumerate(ROLES)
     ]
@@ -135,17 +135,17 @@ def review(summaries: Sequence[str | Path], output: str | Path, refused: Mapping
     """
     parts = []
     for path in sorted(map(Path, summaries), key=lambda p: natural_key(p.parent.name)):
-        found, folder = RecordingSummary.load(path), path.parent
+        summary, folder = RecordingSummary.load(path), path.parent
         try:
             image = base64.b64encode((folder / "review.jpg").read_bytes()).decode()
             rows = (folder / "review.csv").read_text(encoding="utf-8")
         except OSError as error:
             raise InputError(folder, f"{Path(error.filename).name} cannot be read", "run draw-worst-frames") from error
-        reasons = ", ".join(f"{name} {count}" for name, count in found.reasons.items()) or "none"
-        warned = "".join(f"<p class=warning>{html.escape(text)}</p>" for text in found.warnings)
+        reasons = ", ".join(f"{name} {count}" for name, count in summary.reasons.items()) or "none"
+        warned = "".join(f"<p class=warning>{html.escape(text)}</p>" for text in summary.warnings)
         parts.append(
-            f"<h2>{html.escape(found.recording)}</h2><p>{found.frames} frames at {found.rate_hz:g} Hz, used"
-            f" {found.usable_share:.2%}; flagged: {html.escape(reasons)}</p>{warned}"
+            f"<h2>{html.escape(summary.recording)}</h2><p>{summary.frames} frames at {summary.rate_hz:g} Hz, used"
+            f" {summary.usable_share:.2%}; flagged: {html.escape(reasons)}</p>{warned}"
             f'<img src="data:image/jpeg;base64,{image}" alt="worst frames"><details><summary>rows for a file of'
             f" corrections</summary><pre>{html.escape(rows)}</pre></details>"
         )

@@ -77,12 +77,12 @@ def _energies(path: Path, counts: Mapping[str, int]) -> dict[str, np.ndarray]:
         raise InputError(path, "no such file", "run split_chunks") from error
     except (ValueError, OSError) as error:
         raise InputError(path, f"not a table of chunks ({error})", "run split_chunks again") from error
-    found = {name: table.loc[table["split"] == name, "energy"].dropna().to_numpy() for name in SPLITS}
+    energies = {name: table.loc[table["split"] == name, "energy"].dropna().to_numpy() for name in SPLITS}
     for name, count in counts.items():
-        if len(found[name]) != count:
-            listed = f"energies of {len(found[name])} {name} chunks, {name}.npz has {count}"
+        if len(energies[name]) != count:
+            listed = f"energies of {len(energies[name])} {name} chunks, {name}.npz has {count}"
             raise InputError(path, listed, "run split_chunks again")
-    return found
+    return energies
 
 
 def _histogram(axis: mpl.axes.Axes, values: dict[str, np.ndarray], limits: tuple[float, float], label: str) -> None:

@@ -43,7 +43,7 @@ def no_video(path: Path) -> tuple[str, str]:
     if first[:4] == b"RIFF" and first[8:] == b"WEBP":
         return PICTURE
     unknown = "cannot be opened as a video", "it is truncated or not a video: copy the recording again"
-    return next((told for start, told in NO_VIDEOS.items() if first.startswith(start)), unknown)
+    return next((explanation for start, explanation in NO_VIDEOS.items() if first.startswith(start)), unknown)
 
 
 class FilmedOtherwise(InputError):
@@ -67,9 +67,9 @@ class FilmedOtherwise(InputError):
 def filmed_rate(tags: Mapping[str, str]) -> tuple[str, float] | None:
     """Name and value in Hz of the tag that says at which rate a video was filmed; None without one."""
     for name, value in tags.items():
-        found = RATE.fullmatch(value.lower())
-        if found and FILMED.fullmatch(name.lower()):
-            rate, over = float(found[1]), float(found[2] or 1)
+        match = RATE.fullmatch(value.lower())
+        if match and FILMED.fullmatch(name.lower()):
+            rate, over = float(match[1]), float(match[2] or 1)
             if rate > 0 and over > 0:
                 return name.lower(), rate / over
     return None
@@ -89,16 +89,16 @@ def refuse_filmed_otherwise(
     Raises:
         FilmedOtherwise: its tag and its times differ.
     """
-    found = filmed_rate({**container.metadata, **container.streams.video[0].metadata})
-    if found is None:
+    filmed = filmed_rate({**container.metadata, **container.streams.video[0].metadata})
+    if filmed is None:
         return
     shown = timestamps.shown_ms(path, options, tick_ms)
     usual = 0.0 if shown is None or len(shown) < 2 else float(np.median(np.diff(shown)))
     # Times in whole ms tell a rate less well than the metadata, as long as that is no mean of uneven ones.
     as_declared = usual == 0 or abs(usual * declared_hz / 1000 - 1) < SAME_RATE - 1
     shown_hz = declared_hz if as_declared else 1000 / usual
-    if not 1 / SAME_RATE < found[1] / shown_hz < SAME_RATE:
-        raise FilmedOtherwise(path, *found, float(f"{shown_hz:.4g}"))
+    if not 1 / SAME_RATE < filmed[1] / shown_hz < SAME_RATE:
+        raise FilmedOtherwise(path, *filmed, float(f"{shown_hz:.4g}"))
 
 
 def frame_count(
@@ -116,8 +116,8 @@ def frame_count(
         rate_hz: its rate by its metadata.
     """
     stream = container.streams.video[0]
-    if known := kept_of_edit_list(container) or stream.frames:
-        return known
+    if count := kept_of_edit_list(container) or stream.frames:
+        return count
     length_s = (container.duration or 0) / av.time_base
     times = timestamps.packets_ms(path, options, tick_ms) if length_s > 0 else None
     start_s = max(0.0, float(times[0]) / 1000) if times is not None else 0.0
@@ -197,7 +197,7 @@ def orientation(path: Path, frame: av.VideoFrame) -> tuple[int, bool]:
     across, down = np.degrees(np.arctan2(b, a)), np.degrees(np.arctan2(-c, d))
     turns = round(across / 90)
     if not (a or b) or not (c or d) or max(abs(across - 90 * turns), abs((down - across + 180) % 360 - 180)) > TURN_DEG:
-        found = f"its display matrix turns the image by {across:.3g} degrees, or skews it"
+        problem = f"its display matrix turns the image by {across:.3g} degrees, or skews it"
         remedy = f"make it upright: ffmpeg -i {shlex.quote(path.name)} -crf 12 out.mp4, or -noautorotate to leave it"
-        raise InputError(path, found, remedy)
+        raise InputError(path, problem, remedy)
     return -turns % 4, mirrored

@@ -69,8 +69,8 @@ class FrameStore:
             raise InputError(path, f"not a frame store ({error!r})", "run extract_frames again") from error
         largest = max(self.layout.frame_bytes, self._chunks.chunksize)
         if UNPACKED * largest > memory_limit():  # zeros of any size fit into a few bytes
-            found = f"a piece takes {largest / 1e9:.3g} GB, and there is memory for {memory_limit() / 1e9:.3g}"
-            raise InputError(path, found, "run extract_frames again")
+            problem = f"a piece takes {largest / 1e9:.3g} GB, and there is memory for {memory_limit() / 1e9:.3g}"
+            raise InputError(path, problem, "run extract_frames again")
         if self._chunks.nbytes != self.shape[0] * self.layout.frame_bytes:
             raise InputError(
                 path, f"holds {self._chunks.nbytes} bytes for {self.shape[0]} frames", "run extract_frames again"
@@ -98,8 +98,8 @@ class FrameStore:
         out = np.empty((stop - start, *self.shape[1:]), np.uint8)
         packed = np.empty((stop - start, self.layout.frame_bytes), np.uint8)
         self._unpack(start, stop, packed)
-        for image, one in zip(out, packed, strict=True):
-            image[:] = self.layout.image(one)
+        for image, frame in zip(out, packed, strict=True):
+            image[:] = self.layout.image(frame)
         return out
 
     def _unpack(self, start: int, stop: int, out: np.ndarray) -> None:

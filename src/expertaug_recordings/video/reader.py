@@ -120,20 +120,20 @@ class Video:
 
     def _check_metadata(self, stream, rate_hz, rate_provenance, expected_frames) -> None:
         self._tick_ms = float(1000 * (stream.time_base or Fraction(1, 1000)))
-        told = self.path, self._container, OPTIONS, self._tick_ms
+        arguments = self.path, self._container, OPTIONS, self._tick_ms
         heard = len(self._complaints)
         with self._listening():
-            declared_rate = declared.declared_rate(*told)
-            count = declared.frame_count(*told, declared_rate)
+            declared_rate = declared.declared_rate(*arguments)
+            count = declared.frame_count(*arguments, declared_rate)
         del self._complaints[heard:]  # what is spoiled is told where it is decoded
         # A bare stream has neither a count nor a rate; the rate that FFmpeg then reports is its own guess.
         counted = 0 < count < 2**40
         self._declared_rate = declared_rate if counted and RATES_HZ[0] <= declared_rate <= RATES_HZ[1] else None
         if rate_hz is None and self._declared_rate is None:
-            found = f"{declared_rate:g} Hz" if counted else "none"
-            raise InputError(self.path, f"no usable frame rate in its metadata ({found})", RATE_KEY)
+            rate_text = f"{declared_rate:g} Hz" if counted else "none"
+            raise InputError(self.path, f"no usable frame rate in its metadata ({rate_text})", RATE_KEY)
         if rate_hz is None:
-            declared.refuse_filmed_otherwise(*told, declared_rate)
+            declared.refuse_filmed_otherwise(*arguments, declared_rate)
         self.rate_hz = float(rate_hz if rate_hz is not None else self._declared_rate)
         if not RATES_HZ[0] <= self.rate_hz <= RATES_HZ[1]:
             raise InputError(

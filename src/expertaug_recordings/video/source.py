@@ -76,8 +76,8 @@ class Pictures:
         if image_size_px is not None:
             wanted = (image_size_px,) * 2 if isinstance(image_size_px, int) else tuple(image_size_px)
             if (self.width, self.height) != wanted:
-                found = f"pictures are {self.width}x{self.height} px"
-                raise InputError(path, found, f"{wanted[0]}x{wanted[1]} expected (image_size_px)")
+                problem = f"pictures are {self.width}x{self.height} px"
+                raise InputError(path, problem, f"{wanted[0]}x{wanted[1]} expected (image_size_px)")
         self.layout = Layout("bgr24", self.width, self.height)
 
     def trim(self, from_s: float, to_s: float | None) -> None:
@@ -95,16 +95,16 @@ class Pictures:
     def _take_times(self, times: str, unit_s: float, rate_hz: float | None) -> None:
         if rate_hz is not None:
             raise InputError(self.path, f"rate_hz is {rate_hz:g} and times is {times!r}", "give one of them")
-        found = (self._of_names() if times == NAMES else self._of_table(times)) * unit_s
-        order = np.argsort(found, kind="stable")
-        self._files, found = [self._files[k] for k in order], found[order]
+        times_s = (self._of_names() if times == NAMES else self._of_table(times)) * unit_s
+        order = np.argsort(times_s, kind="stable")
+        self._files, times_s = [self._files[k] for k in order], times_s[order]
         if self.count < 3:
             raise InputError(self.path, f"{self.count} pictures", "times need at least 3")
-        tick = float(np.diff(np.unique(found)).min()) * 1e-3
-        step, even = timestamps.judge(self.path, found, tick)
+        tick = float(np.diff(np.unique(times_s)).min()) * 1e-3
+        step, even = timestamps.judge(self.path, times_s, tick)
         self.rate_hz = 1 / step
         if not even:
-            self.rate_hz, self.times = timestamps.in_seconds(1000 * found, None)
+            self.rate_hz, self.times = timestamps.in_seconds(1000 * times_s, None)
 
     def _of_names(self) -> np.ndarray:
         numbers = [NUMBER.findall(p.stem) for p in self._files]
@@ -117,17 +117,17 @@ class Pictures:
         path = self.path / name
         try:
             table = pd.read_csv(path, usecols=COLUMNS, dtype={"file": str}, skipinitialspace=True)
-            known = dict(zip(table["file"].str.strip(), table["t"].astype(float), strict=True))
+            times = dict(zip(table["file"].str.strip(), table["t"].astype(float), strict=True))
         except FileNotFoundError as error:
             raise InputError(path, "no such file", "give a CSV with the columns file and t") from error
         except (ValueError, OSError, AttributeError) as error:
             raise InputError(path, f"no table of times ({error})", "give a CSV with the columns file and t") from error
-        missing = [p.name for p in self._files if not np.isfinite(known.get(p.name, np.nan))]
+        missing = [p.name for p in self._files if not np.isfinite(times.get(p.name, np.nan))]
         if missing:
             raise InputError(
                 path, f"no time of {missing[0]} ({len(missing)} are missing)", "add it, or remove the picture"
             )
-        return np.array([known[p.name] for p in self._files])
+        return np.array([times[p.name] for p in self._files])
 
     def _read(self, index: int) -> np.ndarray:
         data = np.fromfile(self._files[index], np.uint8)
@@ -145,8 +145,8 @@ class Pictures:
         for index in range(0, self.count, step):
             image = self._read(index)
             if image.shape[:2] != (self.height, self.width):
-                found = f"{self._files[index].name} is {image.shape[1]}x{image.shape[0]} px"
-                raise InputError(self.path, found, f"the first is {self.width}x{self.height} px: remove what differs")
+                problem = f"{self._files[index].name} is {image.shape[1]}x{image.shape[0]} px"
+                raise InputError(self.path, problem, f"the first is {self.width}x{self.height} px: remove what differs")
             yield index, image
 
     pictures = frames
@@ -180,9 +180,9 @@ def open_frames(
     Raises:
         InputError: it cannot be used.
     """
-    known = stated.rate_hz, stated.rate_provenance, expected_frames, image_size_px
+    arguments = stated.rate_hz, stated.rate_provenance, expected_frames, image_size_px
     series = Path(path).is_dir()
-    frames = Pictures(path, *known, stated.times, stated.time_unit_s) if series else Video(path, *known)
+    frames = Pictures(path, *arguments, stated.times, stated.time_unit_s) if series else Video(path, *arguments)
     if stated.from_s > 0 or stated.to_s is not None:
         try:
             frames.trim(stated.from_s, stated.to_s)

@@ -95,6 +95,6 @@ def span(where: object, times_s: np.ndarray, from_s: float, to_s: float | None) 
     slack = SLACK * float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
     first, stop = np.searchsorted(times_s, (from_s - slack, end + slack))
     if stop - first < FEWEST:
-        found = f"from {from_s:g} to {end:g} s there are {max(0, stop - first)} frames"
-        raise InputError(where, found, f"it lasts {times_s[-1]:.3g} s: set {WHERE}.from_s and .to_s within it")
+        problem = f"from {from_s:g} to {end:g} s there are {max(0, stop - first)} frames"
+        raise InputError(where, problem, f"it lasts {times_s[-1]:.3g} s: set {WHERE}.from_s and .to_s within it")
     return range(int(first), int(stop))

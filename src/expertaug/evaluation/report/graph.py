@@ -59,11 +59,11 @@ def drawing(arrows: Iterable[Sequence[str]]) -> Drawing:
     direct = _reduced(before, order)
     level: dict[str, int] = {}
     for name in order:
-        level[name] = max((level[one] + 1 for one in direct[name]), default=0)
+        level[name] = max((level[rule] + 1 for rule in direct[name]), default=0)
     for name in reversed(order):  # what others alone need stands close above them
-        if readers := [level[one] for one in order if name in direct[one]]:
+        if readers := [level[rule] for rule in order if name in direct[rule]]:
             level[name] = min(readers) - 1
-    _fold(level, {name for name in order if not any(name in found for found in direct.values())})
+    _fold(level, {name for name in order if not any(name in sources for sources in direct.values())})
     ways = [_way(source, reader, level) for reader in order for source in sorted(direct[reader])]
     layers = _sorted(level, ways)
     width = max(sum(node.width + GAP for node in layer) for layer in layers)
@@ -83,8 +83,10 @@ def _reduced(before: dict[str, set[str]], order: Sequence[str]) -> dict[str, set
     """What each reads that nothing else it reads has read already."""
     all_before: dict[str, set[str]] = {}
     for name in order:
-        all_before[name] = before[name].union(*(all_before[one] for one in before[name]))
-    return {name: {a for a in found if not any(a in all_before[b] for b in found)} for name, found in before.items()}
+        all_before[name] = before[name].union(*(all_before[rule] for rule in before[name]))
+    return {
+        name: {a for a in sources if not any(a in all_before[b] for b in sources)} for name, sources in before.items()
+    }
 
 
 def _fold(level: dict[str, int], last: set[str]) -> None:
@@ -92,7 +94,7 @@ def _fold(level: dict[str, int], last: set[str]) -> None:
     depth = 0
     while depth <= max(level.values()):
         room = WIDEST
-        for name in sorted(level, key=lambda one: (one in last, one)):
+        for name in sorted(level, key=lambda rule: (rule in last, rule)):
             if level[name] == depth:
                 room -= _Node(name).width + GAP
                 if room < 0 and name in last:
@@ -114,15 +116,15 @@ def _sorted(level: dict[str, int], ways: Sequence[Sequence[tuple[_Node, int]]]) 
     for node, depth in sorted({(_Node(name), depth) for name, depth in level.items()} | {n for w in ways for n in w}):
         layers[depth].append(node)
     for way in ways:
-        for (one, _), (next_, _) in pairwise(way):
-            below.setdefault(one, []).append(next_)
-            above.setdefault(next_, []).append(one)
+        for (previous, _), (next_, _) in pairwise(way):
+            below.setdefault(previous, []).append(next_)
+            above.setdefault(next_, []).append(previous)
     for sweep in range(SWEEPS):
         down = sweep % 2 == 0
         for layer in layers if down else reversed(layers):
             neighbours = above if down else below
             place = {node: (k + 0.5) / len(each) for each in layers for k, node in enumerate(each)}
-            layer.sort(key=lambda node: fmean([place[one] for one in neighbours.get(node, [node])]))
+            layer.sort(key=lambda node: fmean([place[neighbour] for neighbour in neighbours.get(node, [node])]))
     return layers
 
 

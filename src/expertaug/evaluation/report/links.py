@@ -35,8 +35,8 @@ class Dashboard:
         """
         methods = {label: method for method, label in labels_of(long).items()}
         rows = [(part, str(row[0])) for part, rows in table.html_parts for row in rows]
-        found = {(part, label): self._runs(experiment, methods.get(label)) for part, label in rows}
-        return {place: link for place, link in found.items() if link is not None}
+        links = {(part, label): self._runs(experiment, methods.get(label)) for part, label in rows}
+        return {place: link for place, link in links.items() if link is not None}
 
     def of_several(self, table: Table, longs: Mapping[str, tuple[str, Sequence[TabledMean]]]) -> Links:
         """The same of a table with a part for each experiment.

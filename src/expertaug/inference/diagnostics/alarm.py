@@ -93,11 +93,11 @@ def roc(scores: Array, failing: Array) -> tuple[np.ndarray, np.ndarray]:
     if bad.all() or not bad.any():
         raise InputError("failing", f"{bad.sum()} of {len(bad)} windows", "a ROC curve needs failing ones and others")
     steps = np.unique(score)[::-1]
-    found = []
+    shares = []
     for part in (score[~bad], score[bad]):
         at_least = len(part) - np.searchsorted(np.sort(part), steps, side="left")
-        found.append(np.concatenate([[0.0], at_least / len(part)]))
-    return found[0], found[1]
+        shares.append(np.concatenate([[0.0], at_least / len(part)]))
+    return shares[0], shares[1]
 
 
 def labelled(scores: Array, failing: Array) -> tuple[np.ndarray, np.ndarray]:
@@ -232,8 +232,8 @@ def failing(errors: Array, validation_errors: Array, quantile: float = FAILING) 
     """
     if not 0 < quantile < 1:
         raise InputError("quantile", f"found {quantile!r}", "give a number between 0 and 1, as 0.99")
-    known = plain(validation_errors, "validation_errors", infinite=True).ravel()
-    return plain(errors, "errors", infinite=True) > np.quantile(known, quantile, method="higher")
+    reference = plain(validation_errors, "validation_errors", infinite=True).ravel()
+    return plain(errors, "errors", infinite=True) > np.quantile(reference, quantile, method="higher")
 
 
 def assess(
@@ -310,13 +310,13 @@ def ensemble_spread(estimates: Array, scale: Array | float = 1.0) -> np.ndarray:
     Raises:
         InputError: fewer than two seeds, a value that is not finite, or a scale that is not positive.
     """
-    given, unit = plain(estimates, "estimates"), plain(scale, "scale")
-    if given.ndim < 2 or len(given) < 2:
-        raise InputError("estimates", f"have shape {given.shape}", "give (S, N, …) of at least two seeds")
+    members, unit = plain(estimates, "estimates"), plain(scale, "scale")
+    if members.ndim < 2 or len(members) < 2:
+        raise InputError("estimates", f"have shape {members.shape}", "give (S, N, …) of at least two seeds")
     if (unit <= 0).any():
         raise InputError("scale", f"found {unit.min():g}", "give positive numbers")
-    variance = np.var(given / unit, axis=0, ddof=1)
-    return np.sqrt(variance.reshape(given.shape[1], -1).mean(1))
+    variance = np.var(members / unit, axis=0, ddof=1)
+    return np.sqrt(variance.reshape(members.shape[1], -1).mean(1))
 
 
 def forecast_distance(forecasts: Array, refined: Array, scale: Array | float = 1.0) -> np.ndarray:
@@ -333,12 +333,12 @@ def forecast_distance(forecasts: Array, refined: Array, scale: Array | float = 1
     Raises:
         InputError: the shapes disagree, a value is NaN, or a scale that is not positive.
     """
-    one, other = (plain(v, name, infinite=True) for v, name in ((forecasts, "forecasts"), (refined, "refined")))
+    fast, other = (plain(v, name, infinite=True) for v, name in ((forecasts, "forecasts"), (refined, "refined")))
     unit = plain(scale, "scale")
-    if one.shape != other.shape or one.ndim < 2:
-        raise InputError("refined", f"has shape {other.shape}", f"give that of the forecasts, {one.shape}, (N, T, …)")
+    if fast.shape != other.shape or fast.ndim < 2:
+        raise InputError("refined", f"has shape {other.shape}", f"give that of the forecasts, {fast.shape}, (N, T, …)")
     if (unit <= 0).any():
         raise InputError("scale", f"found {unit.min():g}", "give positive numbers")
-    both = np.isfinite(one) & np.isfinite(other)
-    squares = np.where(both, np.square((np.where(both, one, 0) - np.where(both, other, 0)) / unit), np.inf)
-    return squares.reshape(len(one), -1).mean(1)
+    both = np.isfinite(fast) & np.isfinite(other)
+    squares = np.where(both, np.square((np.where(both, fast, 0) - np.where(both, other, 0)) / unit), np.inf)
+    return squares.reshape(len(fast), -1).mean(1)

@@ -25,16 +25,16 @@ def plain(value: object, name: str, *, infinite: bool = False) -> np.ndarray:
     """
     detach = getattr(value, "detach", None)  # a tensor's
     try:
-        found = np.asarray(value if detach is None else detach().cpu(), dtype=np.float64)
+        array = np.asarray(value if detach is None else detach().cpu(), dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(name, f"no array of numbers ({error})", "give a NumPy array or a torch tensor") from error
-    if not found.size:
-        raise InputError(name, f"is empty, of shape {found.shape}", "give at least one window")
-    bad = np.isnan(found) if infinite else ~np.isfinite(found)
+    if not array.size:
+        raise InputError(name, f"is empty, of shape {array.shape}", "give at least one window")
+    bad = np.isnan(array) if infinite else ~np.isfinite(array)
     if bad.any():
         where = tuple(int(k) for k in np.argwhere(bad)[0])
-        raise InputError(name, f"is {found[where]} at index {where}", "leave such windows out, and count them")
-    return found
+        raise InputError(name, f"is {array[where]} at index {where}", "leave such windows out, and count them")
+    return array
 
 
 def draws_and_truth(samples: object, truth: object, least: int = 1) -> tuple[np.ndarray, np.ndarray]:

@@ -68,8 +68,8 @@ def goodness_of_fit(chi2: Array, dof: Array | int, independent: int | None = Non
     values = plain(chi2, "chi2", infinite=True)
     freedom = np.broadcast_to(plain(dof, "dof"), values.shape)
     if not len(values) or freedom.min() < 1:
-        found = f"{len(values)} windows" if not len(values) else f"{freedom.min():g} degrees of freedom"
-        raise InputError("dof", found, "give fewer parameters or longer windows")
+        problem = f"{len(values)} windows" if not len(values) else f"{freedom.min():g} degrees of freedom"
+        raise InputError("dof", problem, "give fewer parameters or longer windows")
     total = float((np.minimum(values, LARGEST) * freedom).sum() / freedom.sum())
     together = freedom.sum() * (len(values) if independent is None else independent) / len(values)
     p_together = float(chi2_distribution.sf(total * together, together))
@@ -185,24 +185,26 @@ def choose(candidates: Mapping[str, Candidate], groups: Sequence | np.ndarray | 
     Raises:
         InputError: fewer than two models, or different numbers of windows.
     """
-    sizes = {len(one.held_out) for one in candidates.values()}
+    sizes = {len(candidate.held_out) for candidate in candidates.values()}
     if len(candidates) < 2 or len(sizes) != 1 or 0 in sizes:
         raise InputError(
             "experts", f"{len(candidates)} with {sorted(sizes)} windows", "give two or more, of the same windows"
         )
-    logs = {name: _by_group(_log(one.held_out), groups) for name, one in candidates.items()}
+    logs = {name: _by_group(_log(candidate.held_out), groups) for name, candidate in candidates.items()}
     score = {name: float(value.mean()) for name, value in logs.items()}
     best = min(score, key=lambda name: score[name])
     independent = len(logs[best])
     behind = {name: float(np.median(value - logs[best])) for name, value in logs.items()}
     p = {name: 1.0 if name == best else _p(value - logs[best]) for name, value in logs.items()}
-    least_over = min(one.overdispersion for one in candidates.values())  # of the model that explains most
-    criteria = {name: independent * one.criterion(least_over) for name, one in candidates.items()}
+    least_over = min(candidate.overdispersion for candidate in candidates.values())  # of the model that explains most
+    criteria = {name: independent * candidate.criterion(least_over) for name, candidate in candidates.items()}
     least = min(criteria.values())
     criterion = {name: value - least for name, value in criteria.items()}
     as_good = sorted((name for name in candidates if p[name] >= LEVEL), key=lambda name: criterion[name])
     decided = len(as_good) == 1 or criterion[as_good[1]] - criterion[as_good[0]] >= STRONG
-    goodness = {name: goodness_of_fit(one.chi2, one.dof, independent) for name, one in candidates.items()}
+    goodness = {
+        name: goodness_of_fit(candidate.chi2, candidate.dof, independent) for name, candidate in candidates.items()
+    }
     return Choice(score, behind, p, criterion, goodness, as_good, as_good[0] if decided else None)
 
 

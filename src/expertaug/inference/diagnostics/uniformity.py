@@ -64,15 +64,15 @@ def uniformity(ranks: Array, draws: int, confidence: float = 0.95) -> Uniformity
     """
     if not 0 < confidence < 1:
         raise InputError("confidence", f"found {confidence!r}", "give a number between 0 and 1, as 0.95")
-    found = check_ranks(ranks, draws)
-    n = len(found)
+    checked = check_ranks(ranks, draws)
+    n = len(checked)
     last = _last_ranks(draws)
     level = (last + 1) / (draws + 1)
-    flat = found.reshape(n, -1)
+    flat = checked.reshape(n, -1)
     counts = np.stack([np.searchsorted(np.sort(column), last, side="right") for column in flat.T], axis=1)
     p_value = np.array([_p_value(column, n, level) for column in counts.T])
     lower, upper = _bounds(_pointwise(n, draws, confidence), n, level)
-    shape = found.shape[1:]
+    shape = checked.shape[1:]
     return Uniformity(level, counts.reshape(-1, *shape) / n, lower / n, upper / n, p_value.reshape(shape), confidence)
 
 

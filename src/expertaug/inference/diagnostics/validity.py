@@ -77,10 +77,10 @@ class Validity:
     def says(self) -> str:
         """One sentence."""
         where = f"F_a learned on {self.parameter} in [{self.trained[0]:.3g}, {self.trained[1]:.3g}]"
-        found = self.holds
-        if found is None:
+        interval = self.holds
+        if interval is None:
             return f"{where} does not explain its own range"
-        return f"{where} holds in [{found[0]:.3g}, {found[1]:.3g}] of the windows given"
+        return f"{where} holds in [{interval[0]:.3g}, {interval[1]:.3g}] of the windows given"
 
 
 def along(parameter: str, z_e: np.ndarray, chi2: np.ndarray, train_z_e: np.ndarray, train_chi2: np.ndarray) -> Validity:
@@ -93,10 +93,12 @@ def along(parameter: str, z_e: np.ndarray, chi2: np.ndarray, train_z_e: np.ndarr
     Raises:
         InputError: shapes disagree, or a value is no number.
     """
-    for name, one, other in (("chi2", z_e, chi2), ("train_chi2", train_z_e, train_chi2)):
-        if one.shape != other.shape or one.ndim != 1 or not len(one):
-            raise InputError(name, f"has shape {other.shape}", f"give a number for each of {one.shape} parameters")
-        if np.isnan(one).any() or np.isnan(other).any():
+    for name, parameters, other in (("chi2", z_e, chi2), ("train_chi2", train_z_e, train_chi2)):
+        if parameters.shape != other.shape or parameters.ndim != 1 or not len(parameters):
+            raise InputError(
+                name, f"has shape {other.shape}", f"give a number for each of {parameters.shape} parameters"
+            )
+        if np.isnan(parameters).any() or np.isnan(other).any():
             raise InputError(name, "has values that are no numbers", "leave these windows out")
     limit = float(np.quantile(train_chi2, QUANTILE))
     own = _without_outliers(train_z_e)
@@ -104,8 +106,8 @@ def along(parameter: str, z_e: np.ndarray, chi2: np.ndarray, train_z_e: np.ndarr
     edges = np.linspace(*ends, BINS + 1)
     place = np.clip(np.searchsorted(edges, z_e, side="right") - 1, 0, BINS - 1)
     bins = [chi2[place == k] for k in range(BINS)]
-    explained = np.array([np.mean(one <= limit) if len(one) else np.nan for one in bins])
-    median = np.array([np.median(one) if len(one) else np.nan for one in bins])
+    explained = np.array([np.mean(values <= limit) if len(values) else np.nan for values in bins])
+    median = np.array([np.median(values) if len(values) else np.nan for values in bins])
     return Validity(parameter, edges, explained, median, limit, (float(own.min()), float(own.max())))
 
 
@@ -146,11 +148,11 @@ def error_of_interaction(
     context = decoder.context(found_z_a, found_z_e)
     wrong = torch.zeros(seeds, y.shape[1], dtype=torch.float64)
     size = torch.zeros(y.shape[1], dtype=torch.float64)
-    known = [None] * len(y) if u is None else u
-    for time, state, given in zip(t, y, known, strict=True):
-        at, more = torch.as_tensor(time, dtype=y.dtype), further(system, state, z_e, given)
+    inputs = [None] * len(y) if u is None else u
+    for time, state, u_t in zip(t, y, inputs, strict=True):
+        at, more = torch.as_tensor(time, dtype=y.dtype), further(system, state, z_e, u_t)
         true = system.truth(at, state, z_e, z_a, *more) - system.expert(at, state, z_e, *more)
-        wide = None if given is None else given.expand(seeds, *given.shape)
+        wide = None if u_t is None else u_t.expand(seeds, *u_t.shape)
         learned = decoder.interaction_rate(state.expand(seeds, *state.shape), context, at, wide)
         wrong += (learned - true).double().square().flatten(2).sum(-1)
         size += true.double().square().flatten(1).sum(-1)
@@ -209,10 +211,10 @@ def refit(
     how, seeds = how or ValiditySettings(), len(stored.seeds)
     estimator = estimator_of(stored, settings, noise, prior)
     windows = windows.expand(seeds)
-    found = estimator.estimate(windows)
-    assert found.z_e is not None and found.z_a is not None and found.chi2 is not None
+    estimates = estimator.estimate(windows)
+    assert estimates.z_e is not None and estimates.z_a is not None and estimates.chi2 is not None
     fit, y = estimator.fit, windows.joined.cpu().double()
-    x = fit.coordinates(found.to(y), fit.first(y))
+    x = fit.coordinates(estimates.to(y), fit.first(y))
     new, x_new = _fitted(fit, x, y, how)
     squares, changes = _difference(fit, new, x, x_new, y)
     chi2_after = _chi2(new, x_new, y)
@@ -220,14 +222,14 @@ def refit(
     if truth is not None:
         z_e, z_a = (value.double() for value in truth)
         t = fit.t.tolist()
-        parts = [(one.parts(at, fit.first(y))) for one, at in ((fit, x), (new, x_new))]
+        parts = [(window_fit.parts(at, fit.first(y))) for window_fit, at in ((fit, x), (new, x_new))]
         states, u = states_of(fit.system, y[:, 0]), inputs_of(fit.system, y[:, 0])
         each = [
-            error_of_interaction(one.decoder, t, states, z_e, z_a, part[0], part[1], u)
-            for one, part in zip((fit, new), parts, strict=True)
+            error_of_interaction(window_fit.decoder, t, states, z_e, z_a, part[0], part[1], u)
+            for window_fit, part in zip((fit, new), parts, strict=True)
         ]
         wrong = each[0], each[1]
-    return Refit(found.z_e.cpu().double(), _chi2(fit, x, y), chi2_after, squares, changes, wrong)
+    return Refit(estimates.z_e.cpu().double(), _chi2(fit, x, y), chi2_after, squares, changes, wrong)
 
 
 def _fitted(fit: WindowFit, x: Tensor, y: Tensor, how: ValiditySettings) -> tuple[WindowFit, Tensor]:
@@ -286,6 +288,6 @@ def _rates(fit: WindowFit, parts: tuple[Tensor, Tensor, Tensor], states: Tensor,
     decoder = fit.decoder
     assert decoder.interaction is not None
     context = decoder.context(parts[1], parts[0])
-    known = [None] * len(states) if u is None else u
-    at = zip(fit.t, states, known, strict=True)
-    return torch.stack([decoder.interaction_rate(state, context, s, given) for s, state, given in at])
+    inputs = [None] * len(states) if u is None else u
+    at = zip(fit.t, states, inputs, strict=True)
+    return torch.stack([decoder.interaction_rate(state, context, s, u_t) for s, state, u_t in at])

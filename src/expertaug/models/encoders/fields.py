@@ -98,8 +98,8 @@ class Moments(nn.Module):
         parts = y.split(256)
         size = torch.stack([self._channels(part).square().mean((0, 1, 3)) for part in parts]).mean(0).sqrt()
         self.size.copy_(size.clamp_min(1e-6).unsqueeze(-1).expand_as(self.size))
-        one = self.size if self.size.dim() == 2 else self.size[0]
-        self.scale.fit(torch.cat([self._moments(part, one) for part in parts]))
+        first_size = self.size if self.size.dim() == 2 else self.size[0]
+        self.scale.fit(torch.cat([self._moments(part, first_size) for part in parts]))
 
     def forward(self, y: Tensor) -> Tensor:
         """Frames (…, B, T1, fields, *grid) → standardised moments (…, B, outputs)."""
@@ -111,8 +111,8 @@ class Moments(nn.Module):
         before, after = y[(..., slice(None, -1), *cells)], y[(..., slice(1, None), *cells)]
         middle = (before + after) / 2
         powers = [middle**power for power in self.powers]
-        found = torch.cat((*powers, after - before, differences(middle, self.rank)), dim=-1 - self.rank)
-        return found.flatten(-self.rank)
+        channels = torch.cat((*powers, after - before, differences(middle, self.rank)), dim=-1 - self.rank)
+        return channels.flatten(-self.rank)
 
     def _moments(self, y: Tensor, size: Tensor) -> Tensor:
         x = self._channels(y) / size.unsqueeze(-3).unsqueeze(-3)

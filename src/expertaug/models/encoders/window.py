@@ -55,8 +55,10 @@ class ComponentView:
         self, system: System, times: Tensor, windows: Mapping[str, Sequence[float]], angles: Sequence[str] = ()
     ) -> None:
         if len(system.state_shape) != 1:
-            found = f"{type(system).__name__} has states of shape {system.state_shape}"
-            raise InputError("model.encoder.windows", found, "windows are of plain states; choose an encoder of fields")
+            problem = f"{type(system).__name__} has states of shape {system.state_shape}"
+            raise InputError(
+                "model.encoder.windows", problem, "windows are of plain states; choose an encoder of fields"
+            )
         # In an order of their own: a mapping that says the same in another order is the same encoder.
         self.points = [(*_select(system, name, windows[name], times), name in angles) for name in sorted(windows)]
         self.values = sum(len(points) for _, points, _ in self.points)

@@ -30,8 +30,8 @@ class EquationInteraction(Interaction):
 
     def __init__(self, system: System, latent: int, functions: Mapping[str, Any] | None = None, **options: Any) -> None:
         own = EquationSettings.of(**options)
-        given = [Term.of(text) if text not in (functions or {}) else text for text in own.terms]
-        terms = [t if isinstance(t, Term) else _with_function(t, (functions or {})[t]) for t in given]
+        entries = [Term.of(text) if text not in (functions or {}) else text for text in own.terms]
+        terms = [t if isinstance(t, Term) else _with_function(t, (functions or {})[t]) for t in entries]
         self.terms = [term.check(system) for term in terms]
         self.coefficients = list(own.coefficients or [None] * len(terms))
         free = self.coefficients.count(None)

@@ -35,8 +35,8 @@ class MLPInteraction(Interaction):
         own = MLPSettings.of(**options)
         super().__init__(system, latent, own.expert_parameters, own.components, own.reads)
         if own.inputs and not system.known:
-            found = f"{type(system).__name__} has no known inputs"
-            raise InputError("model.interaction.inputs", found, "leave it out")
+            problem = f"{type(system).__name__} has no known inputs"
+            raise InputError("model.interaction.inputs", problem, "leave it out")
         self.sees_inputs, self.sees_time = own.inputs, own.time
         self.units = [p.scale for p in system.known] if own.inputs else []
         if own.time:
@@ -44,8 +44,8 @@ class MLPInteraction(Interaction):
         self.system = system
         self.mask = [float(k in self.sees) for k in range(len(system.state))]
         self.orders = [float(order) for order in range(1, own.harmonics + 1)]
-        told = len(self.units) + (2 * len(self.orders) - 1 if self.orders else 0)
-        features = feature_count(system, "model.interaction.kind") + told
+        extra = len(self.units) + (2 * len(self.orders) - 1 if self.orders else 0)
+        features = feature_count(system, "model.interaction.kind") + extra
         self.state_layer = Linear(features, own.layers[0], bias=False)
         self.latent_layer = Linear(self.inputs, own.layers[0])
         self.rest = MLP(own.layers[0], own.layers[1:], len(self.acts_on), own.activation)
@@ -61,10 +61,10 @@ class MLPInteraction(Interaction):
         seen = y if all(self.mask) else y * constant_like(y, self.mask, y.dtype)
         features = self.system.features(seen)
         if known is not None:
-            told = known / constant_like(known, self.units, known.dtype)
+            extra = known / constant_like(known, self.units, known.dtype)
             if self.orders:
-                phases = 2 * math.pi * told[..., -1:] * constant_like(told, self.orders, told.dtype)
-                told = torch.cat((told[..., :-1], torch.sin(phases), torch.cos(phases)), dim=-1)
-            features = torch.cat((features, told), dim=-1)
+                phases = 2 * math.pi * extra[..., -1:] * constant_like(extra, self.orders, extra.dtype)
+                extra = torch.cat((extra[..., :-1], torch.sin(phases), torch.cos(phases)), dim=-1)
+            features = torch.cat((features, extra), dim=-1)
         hidden = affine(features, self.state_layer.weight, context)
         return self.placed(self.rest(self.rest.activation(hidden)), y)

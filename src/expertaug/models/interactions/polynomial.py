@@ -64,10 +64,10 @@ class PolynomialInteraction(Interaction):
         variance, mean = torch.var_mean(y, dim=(0, 2))
         self.mean.copy_(mean.unsqueeze(-1).expand_as(self.mean))
         self.std.copy_(variance.sqrt().clamp_min(1e-6).unsqueeze(-1).expand_as(self.std))
-        one = [b if b.dim() == 2 else b[0] for b in (self.mean, self.std)]
+        scaling = [b if b.dim() == 2 else b[0] for b in (self.mean, self.std)]
         moments = torch.zeros(self.terms, self.terms, dtype=torch.float64, device=y.device)
         for part in y.split(1024):
-            terms = self._monomials((part - one[0]) / one[1]).transpose(0, 1).flatten(1).double()
+            terms = self._monomials((part - scaling[0]) / scaling[1]).transpose(0, 1).flatten(1).double()
             moments += terms @ terms.T
         moments /= y.shape[0] * y.shape[2]
         inverse = torch.linalg.inv(torch.linalg.cholesky(moments + 1e-9 * torch.eye(self.terms).to(moments)))

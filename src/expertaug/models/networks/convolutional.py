@@ -30,8 +30,8 @@ def grid_rank(system: System, where: str) -> int:
     """
     rank = len(system.state_shape) - 1
     if rank not in CONVOLUTIONS:
-        found = f"{type(system).__name__} has states of shape {system.state_shape}"
-        raise InputError(where, found, "choose one for plain states, or fields of shape (fields, *grid), 1 to 3 axes")
+        problem = f"{type(system).__name__} has states of shape {system.state_shape}"
+        raise InputError(where, problem, "choose one for plain states, or fields of shape (fields, *grid), 1 to 3 axes")
     return rank
 
 
@@ -106,14 +106,14 @@ def layer_averages(layers: nn.ModuleList, x: Tensor) -> Tensor:
     grid = tuple(range(-convolutions[0].rank, 0))
     stacked = x.dim() == len(grid) + 3
     parameters = zip(*(layer.seeds() for layer in convolutions), strict=True)
-    found = []
-    for one, own in zip(x.unbind(0) if stacked else [x], parameters, strict=True):
+    per_seed = []
+    for activation, own in zip(x.unbind(0) if stacked else [x], parameters, strict=True):
         averages = []
         for layer, (weight, bias) in zip(convolutions, own, strict=True):
-            one = torch.relu(convolve(wrap(one, layer.kernel // 2), weight, bias, layer.stride))
-            averages.append(one.mean(grid))
-        found.append(torch.cat(averages, dim=-1))
-    return torch.stack(found) if stacked else found[0]
+            activation = torch.relu(convolve(wrap(activation, layer.kernel // 2), weight, bias, layer.stride))
+            averages.append(activation.mean(grid))
+        per_seed.append(torch.cat(averages, dim=-1))
+    return torch.stack(per_seed) if stacked else per_seed[0]
 
 
 def differences(fields: Tensor, rank: int) -> Tensor:

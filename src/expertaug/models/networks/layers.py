@@ -28,9 +28,9 @@ def feature_count(system: System, where: str) -> int:
     """
     features = system.features(torch.zeros(1, *system.state_shape))
     if features.dim() != 2:
-        found = f"{type(system).__name__} has states of shape {system.state_shape}"
+        problem = f"{type(system).__name__} has states of shape {system.state_shape}"
         raise InputError(
-            where, found, "choose one for fields (conv, moments, polynomial), or let features() be a vector"
+            where, problem, "choose one for fields (conv, moments, polynomial), or let features() be a vector"
         )
     return features.shape[-1]
 

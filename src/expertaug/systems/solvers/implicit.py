@@ -41,11 +41,11 @@ def rodas3(f: Field, y0: Tensor, t: Tensor, rank: int = 1) -> Tensor:
     """
     d = _size(y0, rank, "rodas3")
     shape, states = y0.shape, [y0]
-    one = torch.eye(d, dtype=y0.dtype, device=y0.device)
+    identity = torch.eye(d, dtype=y0.dtype, device=y0.device)
     for begin, h in zip(t[:-1], t.diff(), strict=True):
         y = states[-1]
         rate, jacobian, by_time = _derivatives(f, begin, y, rank)
-        factors = torch.linalg.lu_factor_ex(one * (2 / h) - jacobian)[:2]
+        factors = torch.linalg.lu_factor_ex(identity * (2 / h) - jacobian)[:2]
         first = rate.reshape(-1, d)
 
         def stage(right: Tensor, share: float) -> Tensor:
@@ -102,19 +102,19 @@ def by_scipy(f: Field, y0: Tensor, t: Tensor, method: str, rtol: float, atol: fl
     start = y0.detach().reshape(-1).double().cpu().numpy()
     span = (times[0], times[-1])
     try:
-        found = solve_ivp(rate, span, start, SCIPY[method], times, rtol=rtol, atol=atol, jac=jacobian)
+        solution = solve_ivp(rate, span, start, SCIPY[method], times, rtol=rtol, atol=atol, jac=jacobian)
     except ValueError as error:  # scipy's word for rates that are not finite
         raise SolveError(f"{method} failed ({error})") from error
-    if not found.success:
-        raise SolveError(f"{method} failed ({found.message})")
-    return torch.from_numpy(found.y.T.copy()).to(y0).view(len(times), *y0.shape)
+    if not solution.success:
+        raise SolveError(f"{method} failed ({solution.message})")
+    return torch.from_numpy(solution.y.T.copy()).to(y0).view(len(times), *y0.shape)
 
 
 def _size(y0: Tensor, rank: int, method: str) -> int:
     d = prod(y0.shape[y0.dim() - rank :])
     if d > LARGEST:
-        found = f"{method} for states of {d} numbers"
-        raise InputError("solver.method", found, f"it takes at most {LARGEST}; lawson4 has a linear part exact")
+        problem = f"{method} for states of {d} numbers"
+        raise InputError("solver.method", problem, f"it takes at most {LARGEST}; lawson4 has a linear part exact")
     return d
 
 
