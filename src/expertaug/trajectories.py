@@ -139,10 +139,10 @@ class Trajectories:
         return replace(self, t=self.t[start:stop], y=self.y[:, start:stop], **several)
 
     def save(self, path: str | Path) -> None:
-        """Write a compressed npz without pickle, atomically."""
+        """Write an npz without pickle, atomically; not compressed: noise takes long to unpack and hardly less space."""
         with atomic(path) as temporary, temporary.open("wb") as stream:
             optional = {name: value for name in OPTIONAL if (value := getattr(self, name)) is not None}
-            np.savez_compressed(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **optional)  # type: ignore
+            np.savez(stream, t=self.t, y=self.y, z_e=self.z_e, z_a=self.z_a, **optional)  # type: ignore
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectories:

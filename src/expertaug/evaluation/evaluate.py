@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -44,15 +45,17 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
         raise InputError(model, f"holds seeds {stored.seeds}", f"expected {job.seeds}: train again")
     start = job.choices.forecast_start
     refinement = refinement_of(stored, job.refinement)
+    train = cache(partial(Trajectories.load, folder / "train.npz"))
     if refinement is not None:
-        refinement = with_overdispersion(stored, refinement, Trajectories.load(folder / "train.npz"))
+        refinement = with_overdispersion(stored, refinement, train())
         stored = replace(stored, model=refined_by(stored, refinement), card=stored.card.but(refinement=refinement))
     identity = (job.experiment, stored.card.system_name, job.method, job.label, job.preset)
     rows: list[MetricRow] = []
     sets: dict[str, SetForecasts] = {}
     t, rank_draws, distributed = np.array([]), None, False
     for name in job.sets:
-        truth = Trajectories.load(folder / f"{name}.npz").spread(scoring.max_samples)
+        whole = train() if name == "train" else Trajectories.load(folder / f"{name}.npz")
+        truth = whole.spread(scoring.max_samples)
         if name == "train":
             truth = truth.spread(scoring.train_samples)
         if job.known is not None:
@@ -76,9 +79,8 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
             sets[name] = set_forecasts
     own = None
     if distributed and job.own is not None and scoring.draws:
-        train = Trajectories.load(folder / "train.npz")
         drawing = drawing_of(stored, scoring, job.noise, np.array(stored.card.t), start, device)
-        own, own_draws = of_own_windows(stored, train, job.own, job.noise, scoring.drawn_samples, drawing)
+        own, own_draws = of_own_windows(stored, train(), job.own, job.noise, scoring.drawn_samples, drawing)
         rank_draws = own_draws if own is not None and own.ranks is not None else rank_draws
     rows += [MetricRow(*identity, seed, "train", "wall_s", stored.card.wall_s) for seed in stored.seeds]
     system = stored.model.system
