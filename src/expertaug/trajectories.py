@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -157,6 +157,35 @@ class Trajectories:
             return cls(**arrays)
         except (InputError, TypeError, ValueError) as error:
             raise InputError(path, f"not a trajectory file ({error})", remedy) from error
+
+
+class SetFolder(Mapping[str, Trajectories]):
+    """The sets in a folder by name. Each is read when it is asked for and not kept: what goes through them one after
+    the other needs the memory of one.
+
+    Arguments:
+        folder: with a file ``<name>.npz`` of each.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+
+    def __getitem__(self, name: str) -> Trajectories:
+        """Read a set.
+
+        Raises:
+            InputError: as of :meth:`Trajectories.load`.
+        """
+        return Trajectories.load(self.folder / f"{name}.npz")
+
+    def __contains__(self, name: object) -> bool:
+        return (self.folder / f"{name}.npz").is_file()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(sorted(path.stem for path in self.folder.glob("*.npz")))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
 
 
 def points_until(t: Sequence[float] | np.ndarray, end: float) -> int:

@@ -35,11 +35,18 @@ class StoredModel:
         model: an estimator, or a decoder whose estimates are fits of each window; stacked over the card's seeds.
         card: what is known; all of it can be written to a file.
         classes: those of its parts that are not this package's, by the name that the card gives them.
+        path: of the file that it is from; None in memory.
     """
 
     model: Any
     card: ModelCard
     classes: Mapping[str, Callable] = field(default_factory=dict)
+    path: Path | None = field(default=None, compare=False)
+
+    @property
+    def where(self) -> str | Path:
+        """What messages call it."""
+        return self.path or f"model {self.card.label}"
 
     @property
     def kind(self) -> type[EstimatorKind]:
@@ -171,7 +178,7 @@ def restore(
         model.load_state_dict(dict(tensors))
     except RuntimeError as error:
         raise InputError(path, "holds other layers than it describes", "train it again") from error
-    return StoredModel(model.to(device).eval(), card, used)
+    return StoredModel(model.to(device).eval(), card, used, Path(path))
 
 
 def _no_model(path: str | Path, error: Exception) -> InputError:
