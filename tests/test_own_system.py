@@ -19,9 +19,10 @@ import yaml
 from expertaug.config import jobs, shown_settings, stage_settings
 from expertaug.config import load as config
 from expertaug.config.jobs import variants
-from expertaug.evaluation.plot import NAMES, plot
+from expertaug.evaluation.plot import NAMES
+from expertaug.evaluation.plot import run_stage as plot
 from expertaug.evaluation.settings import PlotJob, TabulateJob
-from expertaug.evaluation.tabulate import tabulate
+from expertaug.evaluation.tabulate import run_stage as tabulate
 from expertaug.models import store
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate

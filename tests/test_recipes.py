@@ -78,20 +78,24 @@ class MeanEncoder(nn.Module):
 '''
 STUDY = '''"""The stage count: how many windows each version has forecast."""
 
-from pathlib import Path
-
 import pandas as pd
 
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.table import Study, Table
-from expertaug.evaluation.windows import read_windows
+from expertaug.evaluation.windows import windows_of
 
 
-def count(forecasts, outputs, job):
-    """Write the table."""
-    versions = read_windows([Path(path) for path in forecasts])
+def run_stage(forecasts, outputs, job):
+    """Stage: write the table."""
+    count(map(Forecasts.load, forecasts), job).save(outputs)
+
+
+def count(forecasts, job):
+    """The table."""
+    versions = windows_of(forecasts)
     numbers = pd.DataFrame({"method": list(versions), "sets": [len(one.sets) for one in versions.values()]})
     rows = [[job.label_of.get(method, method), str(sets)] for method, sets in numbers.itertuples(index=False)]
-    Study(numbers, [Table(["method", "sets"], [("", rows)])]).save(outputs)
+    return Study(numbers, [Table(["method", "sets"], [("", rows)])])
 '''
 
 

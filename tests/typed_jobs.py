@@ -56,8 +56,8 @@ def own_prior(model, data, output, settings, calibration=None):
 
 
 def evaluate(model, data, metrics, forecasts, settings):
-    evaluating.evaluate(model, data, metrics, forecasts, job(EvaluateJob, settings))
+    evaluating.run_stage(model, data, metrics, forecasts, job(EvaluateJob, settings))
 
 
 def during_training(snapshots, data, output, work, settings, tracking):
-    following.during_training(snapshots, data, output, work, job(DuringTrainingJob, settings), tracking)
+    following.run_stage(snapshots, data, output, work, job(DuringTrainingJob, settings), tracking)

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from expertaug.evaluation.forecasts import Forecasts
+from expertaug.evaluation.summary import TabledMean, read_long, read_metrics
 from expertaug.evaluation.tabulate import tabulate
 from expertaug.tracking.log import Run
 from expertaug.tracking.run_log import RunLog
@@ -68,11 +70,21 @@ def tables_of(metrics: list[Path], **changed) -> list[Path]:
     tables = []
     for folder in dict.fromkeys(path.parents[2] for path in metrics):
         path = folder / "table_long.csv"
-        tabulate([one for one in metrics if one.is_relative_to(folder)], [path])
+        tabulate(read_metrics([one for one in metrics if one.is_relative_to(folder)])).save([path])
         if changed:
             pd.read_csv(path).assign(**changed).to_csv(path, index=False)
         tables.append(path)
     return tables
+
+
+def rows_of(tables: list[Path]) -> list[TabledMean]:
+    """What long tables hold."""
+    return [row for path in tables for row in read_long(path)]
+
+
+def loaded(paths: dict[str, Path]) -> dict[str, Forecasts]:
+    """Forecasts of files by method."""
+    return {method: Forecasts.load(path) for method, path in paths.items()}
 
 
 def write_forecasts(folder: Path, labels=LABELS, seeds=(0, 1), count=100) -> dict[str, Path]:

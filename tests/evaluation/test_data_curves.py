@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pandas as pd
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.evaluation.data_curves import data_curves
+from expertaug.evaluation.data_curves import data_curves, run_stage
 from expertaug.evaluation.settings import DataCurvesJob
 from expertaug.evaluation.summary import TabledMean
 from expertaug.hues import EQUATION
@@ -16,8 +18,8 @@ LABELS = {"fit": "Fit", "hybrid": "Hybrid", "hybrid=": "Hybrid=", "floor": "Floo
 LEVELS = {"few": -2.0, "many": -5.0, "clean": -9.0}
 
 
-def table_of(folder, experiment, **changed):
-    """The long table of an experiment, whose methods are a nat apart; sets .1, and no parameters of the floor."""
+def long(experiment, **changed):
+    """Rows of the long table of an experiment: methods are a nat apart, sets .1; no parameters of the floor."""
     rows = []
     for k, (method, label) in enumerate(LABELS.items()):
         for s, name in enumerate(("train", "validation", "iid", "test")):
@@ -28,8 +30,13 @@ def table_of(folder, experiment, **changed):
             for metric, mean in values.items():
                 spread = {"mean": mean, "std": 0.2, "n": 2, "of": 2, "low": mean - 0.3, "high": mean + 0.5}
                 rows.append(TabledMean(metric=metric, set=name, seeds=(0, 1), **told, **spread | changed))
+    return rows
+
+
+def table_of(folder, experiment):
+    """The long table of an experiment."""
     path = folder / f"{experiment}_long.csv"
-    frame(TabledMean, rows).to_csv(path, index=False)
+    frame(TabledMean, long(experiment)).to_csv(path, index=False)
     return path
 
 
@@ -43,7 +50,7 @@ def job(**axes):
 def test_a_row_is_a_point_and_a_method_and_a_line_its_intervals(tmp_path, drawn):
     tables = [table_of(tmp_path, name) for name in LEVELS]
     outputs = [tmp_path / f"curves.{end}" for end in ("csv", "md", "tex", "png")]
-    data_curves(tables, outputs, job())
+    run_stage(tables, outputs, job())
     text = (tmp_path / "curves.md").read_text()
     assert "| training trajectories | 20 | 1000 |" in text and "| standard deviation of the noise | 0 | 0.01 |" in text
     assert "| Fit | −1.80 [−2.10, −1.30] | −4.80 [−5.10, −4.30] |" in text and "| Fit | 7.0 [6.7, 7.5] |" in text
@@ -67,28 +74,26 @@ def test_a_row_is_a_point_and_a_method_and_a_line_its_intervals(tmp_path, drawn)
     assert list(bar) == pytest.approx([-3.1, -2.3])
 
 
-def test_a_point_without_a_table_is_refused(tmp_path):
+def test_a_point_without_a_table_is_refused():
     with pytest.raises(InputError, match="clean: no table of this experiment"):
-        data_curves([table_of(tmp_path, "few"), table_of(tmp_path, "many")], [tmp_path / "c.md"], job())
-    assert not (tmp_path / "c.md").exists()
+        data_curves([*long("few"), *long("many")], job())
 
 
-def test_without_intervals_and_finite_values_nothing_is_drawn_of_a_point(tmp_path, drawn):
+def test_without_intervals_and_finite_values_nothing_is_drawn_of_a_point():
     nan = float("nan")
-    tables = [table_of(tmp_path, "few", mean=nan, n=0), table_of(tmp_path, "many", low=nan, high=nan)]
-    data_curves(tables, [tmp_path / "c.md", tmp_path / "c.png"], job(noise=[(0.01, "many")]))
-    text = (tmp_path / "c.md").read_text()
+    rows = [*long("few", mean=nan, n=0), *long("many", low=nan, high=nan)]
+    study = data_curves(rows, job(noise=[(0.01, "many")]))
+    text = study.markdown()
     assert "not finite (0/2)" in text and "± 0.20" in text
-    line = next(bars for bars in drawn[0].axes[0].containers if bars.get_label() == "Fit")
+    line = next(bars for bars in study.figure().axes[0].containers if bars.get_label() == "Fit")
     assert len(line.lines[0].get_ydata()) == 1
 
 
-def test_a_panel_has_seven_lines_with_the_floor(tmp_path, drawn):
-    path = table_of(tmp_path, "many")
-    rows = pd.read_csv(path)
-    more = [rows[rows["method"] == "fit"].assign(method=f"m{k}", label=f"M{k}") for k in range(9)]
-    pd.concat([rows, *more]).to_csv(path, index=False)
+def test_a_panel_has_seven_lines_with_the_floor():
+    rows = long("many")
+    fits = [row for row in rows if row.method == "fit"]
+    rows += [replace(row, method=f"m{k}", label=f"M{k}") for k in range(9) for row in fits]
     settings = {"experiment": "many", "axes": [["samples", [[1000, "many"]]]], "floor": "floor"}
     labels = [*LABELS.items(), *((f"m{k}", f"M{k}") for k in range(9))]
-    data_curves([path], [tmp_path / "c.png"], DataCurvesJob.from_mapping(settings | {"labels": labels}))
-    assert [len(axis.containers) for axis in drawn[0].axes] == [7, 7]
+    study = data_curves(rows, DataCurvesJob.from_mapping(settings | {"labels": labels}))
+    assert [len(axis.containers) for axis in study.figure().axes] == [7, 7]

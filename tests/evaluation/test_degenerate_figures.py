@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from fake_runs import method_of, pairs, tables_of, write_forecasts, write_logs, write_metrics
+from fake_runs import loaded, method_of, pairs, rows_of, tables_of, write_forecasts, write_logs, write_metrics
 from test_windows import CURVES, fake
 
 from expertaug import plotting
@@ -18,6 +18,7 @@ from expertaug.evaluation import dissipation, dots, estimates, grid, parameters,
 from expertaug.evaluation.alarms import alarm
 from expertaug.evaluation.coverage import coverage
 from expertaug.evaluation.distance import distance
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.settings import (
     DissipationJob,
     EstimatesJob,
@@ -29,8 +30,9 @@ from expertaug.evaluation.settings import (
     WindowStudyJob,
 )
 from expertaug.evaluation.studies import study
-from expertaug.evaluation.summary import TabledMean
+from expertaug.evaluation.summary import TabledMean, read_metrics
 from expertaug.inference.diagnostics.validity import Refit, Validity
+from expertaug.tracking.log import read_log
 from nightly import others_slow
 
 VALUES = {"zero": 0.0, "missing": np.nan, "infinite": np.inf}
@@ -62,22 +64,22 @@ def test_estimates(value):
         estimates.draw([one], EstimatesJob(labels=[("a", "A")]), "swings").savefig(io.BytesIO())
 
 
-def test_dots(metrics, tmp_path):
+def test_dots(metrics):
     job = PlotJob(**pairs(), floor=method_of("Mean"))
-    tables = tables_of(metrics)
-    dots.log_mse(tables, tmp_path / "log_mse", job)
-    dots.parameter_errors(tables, tmp_path / "parameter_errors", job)
+    rows = rows_of(tables_of(metrics))
     one = {"name": "swing", "shown": True, "shifted": "test", "opponents": []}
-    dots.overview(tables, tmp_path / "all", OverviewJob(experiments=[one], hues=[]))
+    of_all = dots.overview(rows, OverviewJob(experiments=[one], hues=[]))
+    for figure in (dots.log_mse(rows, job), dots.parameter_errors(rows, job), *of_all.values()):
+        drawn(figure)
 
 
 @pytest.mark.parametrize("name", ["out_of_expertise", "horizons", "prior_width"])
-def test_studies(metrics, tmp_path, name):
+def test_studies(metrics, name):
     labels = [(method_of(label), label) for label in ("Hybrid", "Hybrid+")]
     options = {"distances": ["none"], "panels": [("near", ["test"])]}
     priors = {"hybrid": {"": {"omega0": (0.5, 1.5)}}}
     job = StudyJob(study=name, labels=labels, options=options, priors=priors, hues=[("hybrid", 0)])
-    study(metrics, [tmp_path / "study.png"], job)
+    drawn(study(read_metrics(metrics), job).figure())
 
 
 def test_along_a_training(value):
@@ -97,14 +99,14 @@ def test_forecasts_parameters_and_curves(tmp_path, value):
             if name.endswith(("prediction", "z_e_hat", "truth")):
                 arrays[name] = np.full_like(arrays[name], value)
         np.savez(path, **arrays)
-    traces.forecasts(paths, tmp_path / "forecasts")
-    parameters.parameters(paths, tmp_path / "parameters")
+    drawn(traces.forecasts(loaded(paths)))
+    drawn(parameters.parameters(loaded(paths)))
     logs = write_logs(tmp_path, steps=20)
     for path in logs:
         number = str(value) if np.isfinite(value) else {"nan": "NaN", "inf": "Infinity"}[str(value)]
         text = re.sub(r'("loss": )\[[^]]*\]', rf"\1[{number}, {number}, {number}]", path.read_text())
         path.write_text(text)
-    traces.curves(logs, tmp_path / "curves")
+    drawn(traces.curves(map(read_log, logs)))
 
 
 def test_single_windows(tmp_path, value):
@@ -113,11 +115,9 @@ def test_single_windows(tmp_path, value):
         for name in ("validation", "iid", "test")
         for key, more in (("errors", ()), ("misfit", ()), ("z_e_hat", (1,)))
     }
-    files = [fake(tmp_path / "a.npz", "a", [0, 1], spoiled=spoiled)]
-    job = WindowStudyJob.from_mapping(CURVES)
-    alarm(files, [tmp_path / "alarm.png"], job)
-    coverage(files, [tmp_path / "coverage.png"], job)
-    distance(files, [tmp_path / "distance.png"], job)
+    forecasts = Forecasts.load(fake(tmp_path / "a.npz", "a", [0, 1], spoiled=spoiled))
+    for study_of_windows in (alarm, coverage, distance):
+        drawn(study_of_windows([forecasts], WindowStudyJob.from_mapping(CURVES)).figure())
 
 
 def test_grid(value):

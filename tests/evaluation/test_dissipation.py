@@ -18,7 +18,8 @@ from pendulum_motion import CONSTANTS, FRICTION
 
 from expertaug.cli import main
 from expertaug.errors import InputError
-from expertaug.evaluation.dissipation import Loss, dissipated_power, dissipation, draw, measured_loss
+from expertaug.evaluation.dissipation import Loss, dissipated_power, draw, measured_loss
+from expertaug.evaluation.dissipation import run_stage as dissipation
 from expertaug.evaluation.settings import DissipationJob
 from expertaug.models import store
 from expertaug.models.decoder import Decoder

@@ -8,7 +8,7 @@ import pandas as pd
 import expertaug as ea
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
-from expertaug.evaluation.equations import equations
+from expertaug.evaluation.equations import run_stage
 from expertaug.evaluation.settings import EquationJob
 
 ROOT = Path(__file__).parents[2]
@@ -32,7 +32,7 @@ def test_the_table_names_the_terms_and_what_they_gain(tmp_path):
         }
     )
     outputs = [tmp_path / f"equation.{end}" for end in ("csv", "md", "tex")]
-    equations([tmp_path / "model.safetensors"], tmp_path, outputs, job)
+    run_stage([tmp_path / "model.safetensors"], tmp_path, outputs, job)
     table = pd.read_csv(outputs[0]).set_index("what")
     found = table.loc["coefficient"]
     assert found["formula"] == "omega: omega" and found["verdict"] == "law"

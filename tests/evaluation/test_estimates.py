@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 import torch
 
+from expertaug import plotting
 from expertaug.config import jobs
 from expertaug.config import load as config
 from expertaug.evaluation.estimates import (
@@ -21,6 +22,7 @@ from expertaug.evaluation.estimates import (
     of_trajectory,
     places_by_trajectory,
     pool,
+    run_stage,
     summarise,
 )
 from expertaug.evaluation.forecasts import Forecasts, SetForecasts, VersionKey, constants_of
@@ -176,7 +178,7 @@ def test_the_table_of_measured_trajectories_and_of_simulated_windows(tmp_path):
         files = [write(tmp_path / f"{name}_a.npz", "own", stated(known))]
         files.append(write(tmp_path / f"{name}_b.npz", "together", stated(known, {"omega0": 9})))
         outputs = [tmp_path / f"{name}_estimates.{end}" for end in ("csv", "md", "tex", "png")]
-        estimates(files, outputs, job)
+        run_stage(files, outputs, job)
         table = pd.read_csv(outputs[0])
         assert len(table) == rows, table
         assert (table["of"] == SHARED).sum() == 1
@@ -186,10 +188,10 @@ def test_the_table_of_measured_trajectories_and_of_simulated_windows(tmp_path):
 
 
 def test_where_nothing_is_stated_the_table_says_so(tmp_path):
-    path = write(tmp_path / "a.npz", "own", stated())
-    estimates([path], [tmp_path / "e.md", tmp_path / "e.png"], EstimatesJob(labels=[("other", "Other")]))
-    assert (tmp_path / "e.png").is_file()
-    assert "No version states parameters" in (tmp_path / "e.md").read_text()
+    own = Forecasts.load(write(tmp_path / "a.npz", "own", stated()))
+    study = estimates([own], EstimatesJob(labels=[("other", "Other")]))
+    assert study.figure().get_label() == plotting.NOTE
+    assert "No version states parameters" in study.markdown()
 
 
 def test_initial_speeds_are_no_constants_and_what_has_no_expert_states_nothing():

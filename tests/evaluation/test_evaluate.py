@@ -13,12 +13,14 @@ import torch
 
 import tiny
 from expertaug.errors import InputError, SolveError
+from expertaug.evaluation import evaluate as evaluation_module
 from expertaug.evaluation import score
 from expertaug.evaluation.forecasting import forecast
 from expertaug.evaluation.forecasts import Forecasts, read_forecasts
-from expertaug.evaluation.log_evaluations import log_evaluations
+from expertaug.evaluation.log_evaluations import run_stage as log_evaluations
 from expertaug.evaluation.samples import Samples
-from expertaug.evaluation.tabulate import tabulate
+from expertaug.evaluation.settings import EvaluateJob
+from expertaug.evaluation.tabulate import run_stage as tabulate
 from expertaug.models import store
 from expertaug.models.decoder import MeanModel
 from expertaug.systems.reaction_diffusion import ReactionDiffusion
@@ -26,7 +28,7 @@ from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
-from expertaug.trajectories import Trajectories
+from expertaug.trajectories import SetFolder, Trajectories
 from expertaug.windows import Windows
 from nightly import others_slow
 from seen import seen
@@ -64,6 +66,33 @@ def run(folder, model="model", choices=None, **evaluation):
     evaluate(folder / f"{model}.safetensors", folder, *outputs, settings)
     table = pd.read_csv(outputs[0])
     return table.set_index(["seed", "set", "metric"])["value"], Forecasts.load(outputs[1])
+
+
+class Asked(SetFolder):
+    """Sets that say in which order they were read."""
+
+    def __init__(self, folder):
+        super().__init__(folder)
+        self.names = []
+
+    def __getitem__(self, name):
+        self.names.append(name)
+        return super().__getitem__(name)
+
+
+def test_in_memory_it_gives_what_the_stage_writes_and_asks_for_a_set_at_a_time(folder):
+    _, written = run(folder)
+    settings = COMMON | {"method": "model", "label": "model", "evaluation": {"samples": 2}}
+    job = EvaluateJob.from_mapping(settings | {"choices": {"forecast_start": "y0"}})
+    sets = Asked(folder)
+    evaluation = evaluation_module.evaluate(store.load(folder / "model.safetensors"), sets, job)
+    assert sets.names == job.sets, "none is read twice"
+    rows = {(row.seed, row.set, row.metric): row.value for row in evaluation.rows if row.metric != "estimate_ms"}
+    table = pd.read_csv(folder / "model.csv").query("metric != 'estimate_ms'")
+    assert rows == table.set_index(["seed", "set", "metric"])["value"].to_dict()
+    evaluation.forecasts.save(folder / "again.npz")
+    assert (folder / "again.npz").read_bytes() == (folder / "model.npz").read_bytes()
+    assert written.kept.keys() == evaluation.forecasts.kept.keys()
 
 
 def test_a_model_without_the_expert_has_no_parameter_error(folder, tmp_path):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fake_runs import loaded
 
+from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation import traces
 from expertaug.evaluation.forecasts import Forecasts
@@ -29,10 +31,10 @@ def write(folder, space=(8, 8), methods=METHODS):
     return paths, truth
 
 
-def test_states_and_errors_of_truth_method_and_augmented_method(tmp_path, drawn):
+def test_states_and_errors_of_truth_method_and_augmented_method(tmp_path):
     paths, truth = write(tmp_path)
-    traces.forecasts(paths, tmp_path / "f", LABELS, View(seed=5))
-    panels = [axis for axis in drawn[0].axes if axis.images]
+    figure = traces.forecasts(loaded(paths), LABELS, View(seed=5))
+    panels = [axis for axis in figure.axes if axis.images]
     assert len(panels) == 3 * 4 + 2 * 2, "states of truth, Hybrid and Hybrid+; errors of two forecast times"
     np.testing.assert_array_equal(panels[2].images[0].get_array(), truth[0, 7, 0])
     np.testing.assert_allclose(panels[11].images[0].get_array(), truth[0, 3, 0] - 2, rtol=1e-6)
@@ -44,37 +46,38 @@ def test_states_and_errors_of_truth_method_and_augmented_method(tmp_path, drawn)
         np.testing.assert_allclose(axis.images[0].get_array(), -2, rtol=1e-5)
     (limits,) = {axis.images[0].get_clim() for axis in augmented}
     assert limits == pytest.approx((-2, 2), rel=1e-5)
+    plotting.save_all({tmp_path / "f": figure})
     assert (tmp_path / "f.png").is_file() and (tmp_path / "f.pdf").is_file()
 
 
-def test_other_samples_and_spaces(tmp_path, drawn):
+def test_other_samples_and_spaces(tmp_path):
     paths, truth = write(tmp_path, space=(8,), methods=("hybrid",))
-    traces.forecasts(paths, [tmp_path / "f.png"], view=View(samples=[1]))
-    lines = [axis.lines[0] for axis in drawn[0].axes if axis.lines]
+    figure = traces.forecasts(loaded(paths), view=View(samples=[1]))
+    lines = [axis.lines[0] for axis in figure.axes if axis.lines]
     np.testing.assert_array_equal(lines[3].get_ydata(), truth[1, 10, 0])
     with pytest.raises(InputError, match="no seed 9"):
-        traces.forecasts(paths, tmp_path / "f", view=View(seed=9))
+        traces.forecasts(loaded(paths), view=View(seed=9))
 
 
 @pytest.mark.parametrize(("z_e", "drawn_sample"), [((0.5, 0.5), 0), ((0.5, 1.1), 1), ((-0.3, 1.2), 0)])
-def test_the_sample_farthest_outside_the_training_range_is_drawn(tmp_path, drawn, z_e, drawn_sample):
+def test_the_sample_farthest_outside_the_training_range_is_drawn(tmp_path, z_e, drawn_sample):
     paths, truth = write(tmp_path, methods=("hybrid",))
     arrays = dict(np.load(paths["hybrid"]))
     arrays["train_z_e"] = np.array([[0.0], [1.0]])
     arrays["test_z_e"][[4, 9], 0] = z_e
     np.savez(paths["hybrid"], **arrays)
-    traces.forecasts(paths, [tmp_path / "f.png"])
-    first = next(axis for axis in drawn[0].axes if axis.images)
+    figure = traces.forecasts(loaded(paths))
+    first = next(axis for axis in figure.axes if axis.images)
     np.testing.assert_array_equal(first.images[0].get_array(), truth[drawn_sample, 0, 0])
 
 
-def test_a_forecast_that_ran_away_leaves_the_scale_to_the_others(tmp_path, drawn):
+def test_a_forecast_that_ran_away_leaves_the_scale_to_the_others(tmp_path):
     paths, _ = write(tmp_path)
     arrays = dict(np.load(paths["hybrid"]))
     arrays["test_prediction"][0, 0, 9:, 0, 0, 0] = np.nan
     np.savez(paths["hybrid"], **arrays)
-    traces.forecasts(paths, [tmp_path / "f.png"], LABELS)
-    last = [axis for axis in drawn[0].axes if axis.images][-1]
+    figure = traces.forecasts(loaded(paths), LABELS)
+    last = [axis for axis in figure.axes if axis.images][-1]
     assert last.images[0].get_clim() == pytest.approx((-2, 2), rel=1e-5)
 
 

@@ -12,7 +12,7 @@ from cards import card
 from expertaug.config import jobs, shown_settings, stage_settings
 from expertaug.config import load as configuration
 from expertaug.errors import InputError
-from expertaug.evaluation.grid import grid as stage
+from expertaug.evaluation.grid import run_stage as stage
 from expertaug.evaluation.settings import GridJob
 from expertaug.models.tensor_file import write_tensors
 

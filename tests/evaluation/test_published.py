@@ -11,7 +11,8 @@ from fake_runs import write_samples
 
 from expertaug.errors import InputError
 from expertaug.evaluation.intervals import mean
-from expertaug.evaluation.published import Published, compare, difference_of, published_numbers, verdict
+from expertaug.evaluation.published import Published, difference_of, published_numbers, verdict
+from expertaug.evaluation.published import run_stage as compare
 from expertaug.evaluation.settings import CompareJob
 
 LABELS = ("APHYNITY", "HVAE", "APHYNITY+", "HVAE+")

@@ -20,11 +20,11 @@ from expertaug.evaluation import run_record
 from expertaug.evaluation.costs import Cost
 from expertaug.evaluation.intervals import Interval
 from expertaug.evaluation.report import headline, tables
-from expertaug.evaluation.report.page import report
+from expertaug.evaluation.report.page import run_stage as report
 from expertaug.evaluation.report.shown import Shown
 from expertaug.evaluation.settings import ReportExperiment, ReportJob, TabulateJob
 from expertaug.evaluation.summary import TabledMean
-from expertaug.evaluation.tabulate import tabulate
+from expertaug.evaluation.tabulate import run_stage as tabulate
 from expertaug.files import write_json
 
 CAPTIONS = Path(__file__).parents[2] / "workflow" / "report"
@@ -154,7 +154,8 @@ def test_what_a_laboratory_asks_comes_first(run):
 def test_what_has_nothing_to_show_is_left_out_and_long_tables_are_folded(run):
     """A figure of words alone and a table without rows; of 41 rows the first line alone is read at once."""
     results, settings = run
-    plotting.save_note("the true parameters are not known", results / "figures" / "swing_parameter_errors.png")
+    note = plotting.note("the true parameters are not known")
+    plotting.save_all({results / "figures" / "swing_parameter_errors.png": note})
     estimates = pd.read_csv(results / "tables" / "swing_estimates.csv")
     pd.concat([estimates] * 41).to_csv(results / "tables" / "swing_estimates.csv", index=False)
     alarms = pd.read_csv(results / "tables" / "swing_alarm.csv")

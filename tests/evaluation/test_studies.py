@@ -13,10 +13,11 @@ from fake_runs import tables_of, write_metrics, write_samples
 from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.evaluation import studies
-from expertaug.evaluation.dots import LOOKS, overview
+from expertaug.evaluation.dots import LOOKS
+from expertaug.evaluation.dots import run_stage as overview
 from expertaug.evaluation.settings import OverviewJob, StudyJob
-from expertaug.evaluation.studies import study
-from expertaug.evaluation.tabulate import tabulate
+from expertaug.evaluation.studies import run_stage as study
+from expertaug.evaluation.tabulate import run_stage as tabulate
 
 COLUMNS = ["experiment", "system", "method", "label", "preset", "seed", "set", "metric", "value"]
 SHIFTS = {

@@ -14,7 +14,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.settings import TabulateJob
 from expertaug.evaluation.summary import TabledMean, drawn_sets, read_metrics
 from expertaug.evaluation.table import Table
-from expertaug.evaluation.tabulate import tabulate
+from expertaug.evaluation.tabulate import run_stage as tabulate
 from expertaug.rows import read_csv
 
 HEAD = "experiment,system,method,label,preset,seed,set,metric,value\n"

@@ -7,11 +7,13 @@ import pandas as pd
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.evaluation.alarms import alarm
-from expertaug.evaluation.coverage import coverage
-from expertaug.evaluation.distance import beyond, distance
+from expertaug.evaluation.alarms import run_stage as alarm
+from expertaug.evaluation.coverage import run_stage as coverage
+from expertaug.evaluation.distance import beyond
+from expertaug.evaluation.distance import run_stage as distance
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.settings import WindowStudyJob
-from expertaug.evaluation.windows import read_windows
+from expertaug.evaluation.windows import windows_of
 from expertaug.hues import EQUATION
 
 N, S = 400, 2
@@ -55,7 +57,7 @@ def files(tmp_path):
 
 
 def test_seeds_of_all_groups_come_together(files):
-    found = read_windows(files)
+    found = windows_of(map(Forecasts.load, files))
     assert list(found) == ["a", "a+~flow"] and found["a"].seeds == [0, 1]
     assert found["a"].sets["test"].errors.shape == (2, N) and found["a"].sets["test"].drawn is None
     assert found["a+~flow"].sets["iid"].drawn.ranks.shape == (2, N, 1)

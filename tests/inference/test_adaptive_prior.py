@@ -7,7 +7,7 @@ from test_least_squares import NOISE, OBSERVED, expert_alone, pendulum
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.evaluation.own_priors import own_priors
+from expertaug.evaluation.own_priors import run_stage as own_priors
 from expertaug.evaluation.settings import OwnPriorsJob
 from expertaug.inference.adaptive_prior import adapt_prior, typical_ranges, widen_prior, with_more_starts
 from expertaug.models.settings import RefinementSettings

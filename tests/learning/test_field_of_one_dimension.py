@@ -7,7 +7,7 @@ import torch
 
 from cards import card
 from expertaug import systems
-from expertaug.evaluation.log_evaluations import log_evaluations
+from expertaug.evaluation.log_evaluations import run_stage as log_evaluations
 from expertaug.models import store
 from expertaug.models.describe import describe
 from expertaug.models.hybrid import HybridModel

@@ -48,7 +48,7 @@ def forecasts(
     reading = FigureReading(labels=[(label, label) for label in forecasts_by_label], set_titles={SET: "given"})
     view = traces.View(set=SET, samples=range(len(chosen)), seed=seed)
     with plotting.styled():
-        return traces.draw_forecasts(
+        return traces.forecasts(
             forecasts_by_label, reading, view, {label: f"model {label}" for label in forecasts_by_label}
         )
 
@@ -92,7 +92,7 @@ def parameters(
         labels=[(label, label) for label in forecasts_by_label], priors=dict.fromkeys(forecasts_by_label, prior or {})
     )
     with plotting.styled():
-        return parameter_figures.draw_parameters(forecasts_by_label, ranges)
+        return parameter_figures.parameters(forecasts_by_label, ranges)
 
 
 def course(model: TrainedModel, metrics: Sequence[str] = ("loss", "validation_score")) -> Figure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from expertaug import plotting
-from expertaug.errors import InputError
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.intervals import of_seeds as interval_of_seeds
 from expertaug.evaluation.settings import Titles, WindowStudyJob
 from expertaug.evaluation.summary import mean_of
 from expertaug.evaluation.table import DASH, Study, Table
-from expertaug.evaluation.windows import VersionWindows, WindowSet, read_windows
+from expertaug.evaluation.windows import VersionWindows, WindowSet, none_shown, windows_of
 from expertaug.inference.diagnostics.alarm import FAILING, Assessment, assess, attainable, ensemble_spread
 from expertaug.rows import frame, grouped
 from expertaug.versions import LINES, REFINED
@@ -67,18 +67,31 @@ class Alarm:
     best_risk_area: float
 
 
-def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
-    """Write the table of an experiment's alarms and draw those on its test set.
+def run_stage(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
+    """Stage: write the table of an experiment's alarms and draw those on its test set.
 
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds.
         outputs: any of .csv (a row for each version, set, score and seed), .md, .tex, .png and .pdf.
-        job: ``floor`` is the version of the true equation, which is not drawn; ``traced`` are drawn before others.
+        job: see :func:`alarm`.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
     """
-    versions, labels = read_windows(forecasts), job.label_of
+    alarm(map(Forecasts.load, forecasts), job).save(outputs)
+
+
+def alarm(forecasts: Iterable[Forecasts], job: WindowStudyJob) -> Study:
+    """The table of an experiment's alarms, and the figure of those on its test set.
+
+    Arguments:
+        forecasts: of all versions and groups of seeds.
+        job: ``floor`` is the version of the true equation, which is not drawn; ``traced`` are drawn before others.
+
+    Raises:
+        InputError: as of :func:`windows_of`, or no version that is shown has forecasts.
+    """
+    versions, labels = windows_of(forecasts), job.label_of
     assessed = {v: _assessed(versions[v], versions.get(f"{v}~{REFINED}")) for v in labels if v in versions}
     rows = [
         Alarm(
@@ -94,12 +107,12 @@ def alarm(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJo
         for (name, score, seed), worth in sets.items()
     ]
     if not rows:
-        raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
+        raise none_shown(versions)
     title = f"{job.of_experiment(versions[next(iter(assessed))].experiment)}: alarms"
     fewest = min(versions[v].sets[KNOWN].misfit.shape[1] for v in assessed)
     caption = CAPTION.format(share=f"{100 * attainable(fewest):.2g}")
     table = _table(rows, job, title, caption)
-    Study(frame(Alarm, rows), [table], lambda: _draw(assessed, labels, job, title)).save(outputs)
+    return Study(frame(Alarm, rows), [table], lambda: _draw(assessed, labels, job, title))
 
 
 def _draw(assessed: Mapping[str, Assessed], labels: Mapping[str, str], job: WindowStudyJob, title: str) -> Figure:

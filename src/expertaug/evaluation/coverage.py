@@ -3,7 +3,7 @@ version's own windows and on every set."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,10 +15,10 @@ from matplotlib.patches import Patch
 
 from expertaug import plotting
 from expertaug.evaluation.diagnostic_figures import IDEAL, LEVELS
-from expertaug.evaluation.forecasts import OWN
+from expertaug.evaluation.forecasts import OWN, Forecasts
 from expertaug.evaluation.settings import Titles, WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
-from expertaug.evaluation.windows import Drawn, VersionWindows, read_windows
+from expertaug.evaluation.windows import Drawn, VersionWindows, windows_of
 from expertaug.inference.diagnostics.calibration import TABLE_LEVELS, Calibration, area_to_curve, interval_coverage
 from expertaug.rows import frame
 from expertaug.versions import LINES, Version
@@ -68,21 +68,33 @@ class Covered:
         return [self.coverage_50, self.coverage_90]
 
 
-def coverage(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
-    """Write the table of an experiment's coverage and draw it.
+def run_stage(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
+    """Stage: write the table of an experiment's coverage and draw it.
 
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds.
-        outputs: any of .csv, .md, .tex, .png and .pdf; where no version has intervals they say so.
+        outputs: any of .csv, .md, .tex, .png and .pdf.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
     """
-    versions, labels = read_windows(forecasts), job.label_of
+    coverage(map(Forecasts.load, forecasts), job).save(outputs)
+
+
+def coverage(forecasts: Iterable[Forecasts], job: WindowStudyJob) -> Study:
+    """The table and the figure of an experiment's coverage; where no version has intervals they say so.
+
+    Arguments:
+        forecasts: of all versions and groups of seeds.
+
+    Raises:
+        InputError: as of :func:`windows_of`.
+    """
+    versions, labels = windows_of(forecasts), job.label_of
     drawn = {v: versions[v] for v in labels if v in versions and any(s.drawn for s in versions[v].sets.values())}
     rows = [row for v, version in drawn.items() for row in _rows(v, labels[v], version)]
     title = f"{job.of_experiment(next(iter(versions.values())).experiment)}: coverage of intervals"
-    Study(frame(Covered, rows), [_table(rows, job, title)], lambda: _draw(drawn, job, title)).save(outputs)
+    return Study(frame(Covered, rows), [_table(rows, job, title)], lambda: _draw(drawn, job, title))
 
 
 def _draw(versions: Mapping[str, VersionWindows], job: WindowStudyJob, title: str) -> Figure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -53,8 +53,8 @@ class Point:
     of: int
 
 
-def data_curves(tables: Sequence[Path], outputs: Sequence[Path], job: DataCurvesJob) -> None:
-    """Write the table of the curves and draw them.
+def run_stage(tables: Sequence[Path], outputs: Sequence[Path], job: DataCurvesJob) -> None:
+    """Stage: write the table of the curves and draw them.
 
     Arguments:
         tables: the long table of every experiment that is a point (:mod:`expertaug.evaluation.tabulate`).
@@ -63,10 +63,19 @@ def data_curves(tables: Sequence[Path], outputs: Sequence[Path], job: DataCurves
     Raises:
         InputError: a table is missing or broken, a point has none, or an output's suffix is unknown.
     """
-    means: dict[str, list[TabledMean]] = {}
-    for path in tables:
-        for mean in read_long(path):
-            means.setdefault(mean.experiment, []).append(mean)
+    data_curves((mean for path in tables for mean in read_long(path)), job).save(outputs)
+
+
+def data_curves(long: Iterable[TabledMean], job: DataCurvesJob) -> Study:
+    """The table and the figure of the curves.
+
+    Arguments:
+        long: rows of the long tables of all experiments that are points.
+
+    Raises:
+        InputError: a point has none.
+    """
+    means = grouped(long, lambda mean: mean.experiment)
     if missing := [name for _, points in job.axes for _, name in points if name not in means]:
         raise InputError(missing[0], "no table of this experiment", "give the long table of every point")
     sets = [in_domain(mean.set for own in means.values() for mean in own), "test"]
@@ -82,7 +91,7 @@ def data_curves(tables: Sequence[Path], outputs: Sequence[Path], job: DataCurves
     curves = [_table(along, job, means, sets, metrics) for along, _ in job.axes]
     label = f"{job.experiment}-data-curves".replace("_", "-")
     first = replace(curves[0], title=title, caption=CAPTION, label=label)
-    Study(frame(Point, points), [first, *curves[1:]], lambda: _draw(points, sets, metrics[0], job, title)).save(outputs)
+    return Study(frame(Point, points), [first, *curves[1:]], lambda: _draw(points, sets, metrics[0], job, title))
 
 
 def _point(along: str, value: float, mean: TabledMean) -> Point:

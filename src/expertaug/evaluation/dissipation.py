@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from expertaug.models.store import device_of
 from expertaug.rows import frame, grouped
 from expertaug.systems import System
 from expertaug.systems.settings import CONSERVING
-from expertaug.trajectories import Trajectories
+from expertaug.trajectories import SetFolder, Trajectories
 from expertaug.versions import MAIN_SETS, Version
 from expertaug.windows import Windows
 
@@ -109,8 +109,8 @@ class Loss:
     dissipated: float
 
 
-def dissipation(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: DissipationJob) -> None:
-    """Write the tables and draw the figure.
+def run_stage(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: DissipationJob) -> None:
+    """Stage: write the tables and draw the figure.
 
     Arguments:
         models: model files of every version that is trained, and of all groups of seeds.
@@ -118,34 +118,45 @@ def dissipation(models: Sequence[Path], data: Path, outputs: Sequence[Path], job
         outputs: any of .csv (a row for each version, seed, set and recording), .md, .tex, .png and .pdf.
 
     Raises:
-        InputError: a model is of another system or of no version, a version has no model, or an output's suffix is
-            unknown.
+        InputError: a file is broken, as of :func:`dissipation`, or an output's suffix is unknown.
     """
-    device = device_of(job.device)
-    chunks = {name: Trajectories.load(Path(data) / f"{name}.npz").spread(CHUNKS) for name in MAIN_SETS}
-    files = _by_method(models, job)
+    trained = (store.load(path, device_of(job.device), job.classes or ()) for path in models)
+    dissipation(trained, SetFolder(data), job).save(outputs)
+
+
+def dissipation(models: Iterable[store.StoredModel], sets: Mapping[str, Trajectories], job: DissipationJob) -> Study:
+    """The tables and the figure.
+
+    Arguments:
+        models: of every version that is trained, and of all groups of seeds.
+        sets: train, validation and test.
+
+    Raises:
+        InputError: a model is of another system or of no version, or a version has no model.
+    """
+    device, chunks = device_of(job.device), {name: sets[name].spread(CHUNKS) for name in MAIN_SETS}
+    of_methods = _by_method(models, job)
     losses: list[Loss] = []
     for version, label, refinement in job.versions:
-        for path in files[str(Version.parse(version).trained)]:
-            stored = store.load(path, device, job.classes or ())
+        for stored in of_methods[str(Version.parse(version).trained)]:
             losses += _losses(stored, refinement, chunks, device, (job.experiment, version, label))
-    Study(frame(Loss, losses), tables(losses, job), lambda: draw(losses, job), precision="%.7g").save(outputs)
+    return Study(frame(Loss, losses), tables(losses, job), lambda: draw(losses, job), precision="%.7g")
 
 
-def _by_method(models: Sequence[Path], job: DissipationJob) -> dict[str, list[Path]]:
-    """Model files by the version that they were trained as."""
+def _by_method(models: Iterable[store.StoredModel], job: DissipationJob) -> dict[str, list[store.StoredModel]]:
+    """Models by the version that they were trained as."""
     wanted = list(dict.fromkeys(str(Version.parse(version).trained) for version, *_ in job.versions))
-    files: dict[str, list[Path]] = {name: [] for name in wanted}
-    for path in map(Path, models):
-        card = store.read_card(path)
+    of_methods: dict[str, list[store.StoredModel]] = {name: [] for name in wanted}
+    for stored in models:
+        card = stored.card
         if card.system_name not in CONSERVING:
-            raise InputError(path, f"a model of {card.system_name}", f"give one of {', '.join(CONSERVING)}")
-        if card.method not in files:
-            raise InputError(path, f"a model of '{card.method}'", f"give those of {', '.join(wanted)}")
-        files[card.method].append(path)
-    if missing := [name for name in wanted if not files[name]]:
+            raise InputError(stored.where, f"a model of {card.system_name}", f"give one of {', '.join(CONSERVING)}")
+        if card.method not in of_methods:
+            raise InputError(stored.where, f"a model of '{card.method}'", f"give those of {', '.join(wanted)}")
+        of_methods[card.method].append(stored)
+    if missing := [name for name in wanted if not of_methods[name]]:
         raise InputError(missing[0], "no model of this version", "give a model of every version")
-    return files
+    return of_methods
 
 
 def _losses(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
 from expertaug import plotting
-from expertaug.errors import InputError
 from expertaug.evaluation.alarms import KNOWN
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.intervals import Interval, Resampled, interval, log_mean, mean, units_of
 from expertaug.evaluation.settings import WindowStudyJob
 from expertaug.evaluation.table import DASH, Study, Table
-from expertaug.evaluation.windows import VersionWindows, WindowSet, read_windows
+from expertaug.evaluation.windows import VersionWindows, WindowSet, none_shown, windows_of
 from expertaug.hues import FLOOR
 from expertaug.inference.diagnostics.alarm import attainable, threshold
 from expertaug.rows import frame, grouped
@@ -109,30 +109,43 @@ class _Curve:
         return [replace(bin_, skill=Mean.of(interval(_skill(*errors)))) for bin_, *errors in scales]
 
 
-def distance(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
-    """Write the table of an experiment's curves and draw them.
+def run_stage(forecasts: Sequence[Path], outputs: Sequence[Path], job: WindowStudyJob) -> None:
+    """Stage: write the table of an experiment's curves and draw them.
 
     Arguments:
-        forecasts: forecasts.npz of all versions and groups of seeds, of the mean and of the true equation too where
-            they are run: without them there is no skill.
+        forecasts: forecasts.npz of all versions and groups of seeds.
         outputs: any of .csv, .md, .tex, .png and .pdf.
-        job: ``training_range`` and ``interaction_range`` of z_e and z_a; ``floor`` and ``mean``, by which skill is
-            measured; ``classical``, least squares with the expert.
+        job: see :func:`distance`.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
     """
-    versions, labels = read_windows(forecasts), job.label_of
+    distance(map(Forecasts.load, forecasts), job).save(outputs)
+
+
+def distance(forecasts: Iterable[Forecasts], job: WindowStudyJob) -> Study:
+    """The table and the figure of an experiment's curves.
+
+    Arguments:
+        forecasts: of all versions and groups of seeds, of the mean and of the true equation too where they are run:
+            without them there is no skill.
+        job: ``training_range`` and ``interaction_range`` of z_e and z_a; ``floor`` and ``mean``, by which skill is
+            measured; ``classical``, least squares with the expert.
+
+    Raises:
+        InputError: as of :func:`windows_of`, or no version that is shown has forecasts.
+    """
+    versions, labels = windows_of(forecasts), job.label_of
     curved = [v for v in labels if v in versions]
     if not curved:
-        raise InputError(forecasts[0] if forecasts else "forecasts", "no version has windows", "evaluate them again")
+        raise none_shown(versions)
     nothing = _Curve([], [])
     floor, least = (
         _curves(versions[v], v, "", job) if v is not None and v in versions else nothing for v in (job.floor, job.mean)
     )
     bins = [bin_ for v in curved for bin_ in _curves(versions[v], v, labels[v], job).with_skill(floor, least)]
     title = f"{job.of_experiment(versions[curved[0]].experiment)}: distance from the training range"
-    Study(frame(Bin, bins), [_table(bins, title)], lambda: _draw(bins, job, title)).save(outputs)
+    return Study(frame(Bin, bins), [_table(bins, title)], lambda: _draw(bins, job, title))
 
 
 def beyond(z_e: np.ndarray, parameters: Sequence[str], ranges: Mapping[str, Sequence[float]]) -> np.ndarray:

@@ -127,9 +127,8 @@ def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: plotting.C
     axis.grid(axis="x")
 
 
-def overview(tables: Sequence[Path], output: Path, job: OverviewJob) -> None:
-    """Draw log_mse (paper's figure log_mse), parameter_errors (param_acc) and, where an experiment asks for it,
-    za_shifted, each as .png and .pdf: a panel for each experiment, methods with their augmented versions and opponents.
+def run_stage(tables: Sequence[Path], output: Path, job: OverviewJob) -> None:
+    """Stage: draw the figures that compare experiments, each as .png and .pdf.
 
     Arguments:
         tables: the long table of every experiment (:mod:`expertaug.evaluation.tabulate`).
@@ -138,12 +137,22 @@ def overview(tables: Sequence[Path], output: Path, job: OverviewJob) -> None:
     Raises:
         InputError: a file is broken.
     """
-    rows, folder = [row for path in tables for row in read_long(path)], Path(output)
-    shown = [experiment for experiment in job.experiments if experiment.shown]
+    figures = overview([row for path in tables for row in read_long(path)], job)
+    plotting.save_all({Path(output) / name: figure for name, figure in figures.items()})
 
-    def save(name: str, panels: Sequence[Panel], axis: str, logarithmic: bool = False) -> None:
-        with plotting.styled():
-            plotting.save(draw_dots(panels, dict(job.hues), axis, logarithmic), folder / name)
+
+def overview(rows: Sequence[TabledMean], job: OverviewJob) -> dict[str, Figure]:
+    """The figures log_mse (paper's figure log_mse), parameter_errors (param_acc) and, where an experiment asks for it,
+    za_shifted: a panel for each experiment, methods with their augmented versions and opponents.
+
+    Arguments:
+        rows: of the long tables of all experiments.
+    """
+    shown = [experiment for experiment in job.experiments if experiment.shown]
+    figures: dict[str, Figure] = {}
+
+    def draw(name: str, panels: Sequence[Panel], axis: str, logarithmic: bool = False) -> None:
+        figures[name] = draw_dots(panels, dict(job.hues), axis, logarithmic)
 
     if shown:
         panels = [
@@ -152,20 +161,21 @@ def overview(tables: Sequence[Path], output: Path, job: OverviewJob) -> None:
             )
             for experiment in shown
         ]
-        save("log_mse", panels, "log-MSE (lower is better)")
+        draw("log_mse", panels, "log-MSE (lower is better)")
         panels = [_panel_of(rows, experiment, RELATIVE_ERROR.name) for experiment in shown]
         panels = [panel for panel in panels if panel.rows]
         if panels:
-            save("parameter_errors", panels, "relative error [%] (lower is better)", True)
+            draw("parameter_errors", panels, "relative error [%] (lower is better)", True)
         else:
-            plotting.save_note(_without_errors(rows), folder / "parameter_errors")
+            figures["parameter_errors"] = plotting.note(_without_errors(rows))
     panels = [
         _panel_of(rows, experiment, _log_mse(experiment), sets=[experiment.shifted])
         for experiment in job.experiments
         if experiment.shifted
     ]
     if panels:
-        save("za_shifted", panels, "log-MSE (lower is better)")
+        draw("za_shifted", panels, "log-MSE (lower is better)")
+    return figures
 
 
 def _log_mse(reading: Reading) -> str:
@@ -190,42 +200,35 @@ def _panel_of(
     return Panel(title, [row for row in part if row.method in methods], experiment)
 
 
-def log_mse(tables: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJob) -> None:
-    """Draw the log-MSE of every method on every set: mean over seeds, 95 % interval as error bar.
+def log_mse(rows: Sequence[TabledMean], job: PlotJob) -> Figure:
+    """The log-MSE of every method on every set: mean over seeds, 95 % interval as error bar.
 
     Arguments:
-        tables: the long table (:mod:`expertaug.evaluation.tabulate`); those of several experiments become panels.
-        outputs: .png or .pdf files, or one path without suffix for both.
+        rows: of the long table (:mod:`expertaug.evaluation.tabulate`); those of several experiments become panels.
 
     Raises:
-        InputError: a file is broken or has no such metric.
+        InputError: there is no such metric.
     """
-    parts = _select([row for path in tables for row in read_long(path)], [_log_mse(job)])
+    parts = _select(rows, [_log_mse(job)])
     panels = [Panel(job.of_experiment(name), part, job) for (name, _), part in parts.items()]
-    with plotting.styled():
-        figure = draw_dots(panels, dict(job.hues), "log-MSE (lower is better)", floor=job.floor)
-        plotting.save(figure, outputs)
+    return draw_dots(panels, dict(job.hues), "log-MSE (lower is better)", floor=job.floor)
 
 
-def parameter_errors(tables: Sequence[Path], outputs: Path | Sequence[Path], job: PlotJob) -> None:
-    """Draw the relative error of the expert parameters in %, one panel per parameter; otherwise like :func:`log_mse`.
+def parameter_errors(rows: Sequence[TabledMean], job: PlotJob) -> Figure:
+    """The relative error of the expert parameters in %, one panel per parameter; otherwise like :func:`log_mse`.
 
     Where no error is known the figure says why.
     """
-    rows = [row for path in tables for row in read_long(path)]
     evaluated = list(dict.fromkeys(row.metric for row in rows if row.of))
     names = [name for name in evaluated if metric_of(name).family is RELATIVE_ERROR_OF]
     names = names or [name for name in (RELATIVE_ERROR.name,) if name in evaluated]
     if not names:
-        plotting.save_note(_without_errors(rows), outputs)
-        return
+        return plotting.note(_without_errors(rows))
     panels = []
     for (experiment, metric), part in _select(rows, names).items():
         parameter, name = plotting.symbol(metric_of(metric).of), job.of_experiment(experiment)
         panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, job))
-    axis = "relative error [%] (lower is better)"
-    with plotting.styled():
-        plotting.save(draw_dots(panels, dict(job.hues), axis, logarithmic=True), outputs)
+    return draw_dots(panels, dict(job.hues), "relative error [%] (lower is better)", logarithmic=True)
 
 
 def _without_errors(rows: Sequence[TabledMean]) -> str:

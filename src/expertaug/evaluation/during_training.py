@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from torch import Tensor
@@ -11,22 +12,22 @@ from expertaug.evaluation.settings import DuringTrainingJob, Scoring
 from expertaug.learning import snapshots as states
 from expertaug.learning.during_training import BASE, stages
 from expertaug.learning.job import locked
-from expertaug.models.store import device_of
+from expertaug.models.store import StoredModel, device_of
 from expertaug.rows import write_csv
 from expertaug.tracking.log import Run
 from expertaug.tracking.metrics_csv import MetricRow
 from expertaug.tracking.run_log import RunLog
 from expertaug.tracking.settings import Tracking
-from expertaug.trajectories import Trajectories
+from expertaug.trajectories import SetFolder, Trajectories
 from expertaug.versions import MAIN_SETS
 
 LOGGED = ("finetune_epochs", "augment", "finetune", "evaluation", "choices")  # of the job, in the log
 
 
-def during_training(
+def run_stage(
     snapshots: Path, data: Path, output: Path, work: Path, job: DuringTrainingJob, tracking: Tracking | None
 ) -> None:
-    """Write the metrics of every snapshot of a training and of its augmented, fine-tuned versions.
+    """Stage: write the metrics of every snapshot of a training and of its augmented, fine-tuned versions.
 
     Arguments:
         snapshots: states along a training (:mod:`expertaug.learning.snapshots`).
@@ -37,11 +38,9 @@ def during_training(
         tracking: as of :class:`expertaug.tracking.run_log.RunLog`; the log, during_training.jsonl beside ``output``,
             has the metrics with the passes of training as step.
     """
-    device, scoring = device_of(job.device), Scoring.of_forecasts(job.evaluation)
-    sets = {name: Trajectories.load(Path(data) / f"{name}.npz") for name in MAIN_SETS}
-    sets = {name: whole.spread(scoring.max_samples) for name, whole in sets.items()}
+    device, sets = device_of(job.device), SetFolder(data)
+    samples = {name: sets[name].spread(job.evaluation.max_samples) for name in MAIN_SETS}  # no more than is scored
     card, epochs = states.read_card(snapshots), states.passes(snapshots)
-    identity = (job.experiment, card.system_name, job.method, job.label, job.preset)
     settings = job.to_json()
     run = Run(
         experiment=job.experiment,
@@ -53,25 +52,46 @@ def during_training(
         seeds=tuple(card.seeds),
         params={"epochs": epochs} | {name: settings[name] for name in LOGGED},
     )
-    rows = []
     with (
         locked(work),  # an orphan may still be writing the log
         RunLog(Path(output).with_name("during_training.jsonl"), run, tracking) as log,
     ):
         for name in MAIN_SETS:
             log.dataset(name, Path(data) / f"{name}.npz")
-        every = stages(snapshots, data, work, job.augment, job.finetune, job.finetune_epochs, device)
-        for epoch, finetuned, stored in every:
-            for name, truth in sets.items():
-                scored = score(stored, truth, scoring, job.choices.forecast_start, device)
-                rows += [
-                    MetricRow(*identity, seed, name, metric, value, epoch, finetuned)
-                    for metric, seed, value in scored.of_seeds(stored.seeds)
-                ]
-                log.metrics(epoch, _named(name, finetuned, scored))
-            log.flush()  # the next fine-tuning may take hours
-        write_csv(Path(output), MetricRow, rows)
+        models = stages(snapshots, data, work, job.augment, job.finetune, job.finetune_epochs, device)
+        write_csv(Path(output), MetricRow, during_training(models, samples, job, log))
         log.artifact(output)
+
+
+def during_training(
+    models: Iterable[tuple[int, int, StoredModel]],
+    sets: Mapping[str, Trajectories],
+    job: DuringTrainingJob,
+    log: RunLog | None = None,
+) -> list[MetricRow]:
+    """The metrics of a model at several stages of its training, and of what fine-tuning makes of it there.
+
+    Arguments:
+        models: passes of training, passes of fine-tuning (0 = as trained) and the model: each is needed but once.
+        sets: train, validation and test.
+        log: gets the metrics of each model as soon as it is scored.
+    """
+    device, scoring = device_of(job.device), Scoring.of_forecasts(job.evaluation)
+    samples = {name: sets[name].spread(scoring.max_samples) for name in MAIN_SETS}
+    rows = []
+    for epoch, finetuned, stored in models:
+        identity = (job.experiment, stored.card.system_name, job.method, job.label, job.preset)
+        for name, truth in samples.items():
+            scored = score(stored, truth, scoring, job.choices.forecast_start, device)
+            rows += [
+                MetricRow(*identity, seed, name, metric, value, epoch, finetuned)
+                for metric, seed, value in scored.of_seeds(stored.seeds)
+            ]
+            if log is not None:
+                log.metrics(epoch, _named(name, finetuned, scored))
+        if log is not None:
+            log.flush()  # the next fine-tuning may take hours
+    return rows
 
 
 def _named(name: str, finetuned: int, scored: Scored) -> dict[str, Tensor]:

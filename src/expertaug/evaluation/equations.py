@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from expertaug.inference.least_squares import refined_by
 from expertaug.models.store import StoredModel, device_of
 from expertaug.models.terms import Term, rounded
 from expertaug.rows import frame
-from expertaug.trajectories import Trajectories
+from expertaug.trajectories import SetFolder, Trajectories
 
 CAPTION = (
     "Terms that the expert lacks: proposed by the windows' normal equations at the expert and, of a method with an "
@@ -31,8 +31,8 @@ SCORES = "Forecasts of the validation windows after the observed one: log-MSE, t
 EMPTY = "No term: the expert alone forecasts the validation windows as well."
 
 
-def equations(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: EquationJob) -> None:
-    """Write the table of the terms that an experiment's expert lacks.
+def run_stage(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: EquationJob) -> None:
+    """Stage: write the table of the terms that an experiment's expert lacks.
 
     Arguments:
         models: files of models with an expert, one of each version.
@@ -41,17 +41,30 @@ def equations(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: 
         job: its versions are in the files' order.
 
     Raises:
-        InputError: a file is no such model, or windows end where forecasts begin.
+        InputError: a file is no such model, windows end where forecasts begin, or an output's suffix is unknown.
     """
-    sets = [Trajectories.load(Path(data) / f"{n}.npz").spread(job.equation.samples) for n in ("train", "validation")]
+    stored = (load(path, device_of(job.device), job.classes or ()) for path in models)
+    equations(stored, SetFolder(data), job).save(outputs)
+
+
+def equations(models: Iterable[StoredModel], sets: Mapping[str, Trajectories], job: EquationJob) -> Study:
+    """The table of the terms that an experiment's expert lacks.
+
+    Arguments:
+        models: with an expert, one of each version, in the order of the job's; each is needed but once.
+        sets: train and validation.
+
+    Raises:
+        InputError: nothing says how a model's windows are fitted, or windows end where forecasts begin.
+    """
+    samples = [sets[name].spread(job.equation.samples) for name in ("train", "validation")]
     results = {}
-    for path, version in zip(models, job.versions, strict=True):
-        stored = load(path, device_of(job.device), job.classes or ())
-        how = stored.card.refinement or version.refinement  # what fits windows says it in its file
+    for stored, version in zip(models, job.versions, strict=True):
+        how = stored.card.refinement or version.refinement  # what fits windows says it on its card
         if how is None:
-            raise InputError(path, "nothing says how its windows are fitted", "give settings, noise and prior")
+            raise InputError(stored.where, "nothing says how its windows are fitted", "give settings, noise and prior")
         predictor = refined_by(stored, how) if stored.kind.fits_windows else stored.model
-        results[version.version] = Search(stored, predictor, how, *sets).run(_options(job, stored))
+        results[version.version] = Search(stored, predictor, how, *samples).run(_options(job, stored))
     labels = {version.version: version.label for version in job.versions}
     rows = [row for version, result in results.items() for row in _rows(version, labels[version], result)]
     title = f"{job.of_experiment(job.experiment)}: what does the expert lack?"
@@ -67,7 +80,7 @@ def equations(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: 
         Table(head, [("", terms)], 2, (), title, CAPTION, "equation", notes=notes, empty=EMPTY),
         Table(["method", "forecast by", "terms", "log-MSE"], [("", scores)], 3, (), "", SCORES),
     ]
-    Study(frame(EquationRow, rows), tables).save(outputs)
+    return Study(frame(EquationRow, rows), tables)
 
 
 def _options(job: EquationJob, stored: StoredModel) -> Options:

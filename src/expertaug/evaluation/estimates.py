@@ -9,7 +9,7 @@ spread; its mean has Student's t intervals (Hartung & Knapp 2001).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,13 +21,13 @@ from matplotlib.ticker import MaxNLocator
 from scipy import stats
 
 from expertaug import plotting
-from expertaug.evaluation.forecasts import SHARED, ConstantEstimate, Forecasts, read_forecasts
+from expertaug.evaluation.forecasts import SHARED, ConstantEstimate, Forecasts
 from expertaug.evaluation.settings import EstimatesJob
 from expertaug.evaluation.summary import order_sets
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.inference.pooling import Pooled, pool
 from expertaug.models.settings import TOLD
-from expertaug.rows import frame
+from expertaug.rows import frame, grouped
 from expertaug.trajectories import places_by_trajectory
 
 LEVEL = 0.90  # of the intervals
@@ -259,19 +259,29 @@ def _pooled(constant: ConstantEstimate) -> Pooled:
     return Pooled(constant.value, constant.error, constant.spread, constant.groups)
 
 
-def estimates(forecasts: Sequence[Path], outputs: Sequence[Path], job: EstimatesJob) -> None:
-    """Write the table of an experiment's estimates and draw them.
+def run_stage(forecasts: Sequence[Path], outputs: Sequence[Path], job: EstimatesJob) -> None:
+    """Stage: write the table of an experiment's estimates and draw them.
 
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds.
-        outputs: any of .csv, .md, .tex, .png and .pdf; where no version states a parameter they say so.
+        outputs: any of .csv, .md, .tex, .png and .pdf.
 
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
     """
-    of_version: dict[str, list[Forecasts]] = {}
-    for file in read_forecasts(forecasts):
-        of_version.setdefault(file.identified().method, []).append(file)
+    estimates(map(Forecasts.load, forecasts), job).save(outputs)
+
+
+def estimates(forecasts: Iterable[Forecasts], job: EstimatesJob) -> Study:
+    """The table and the figure of an experiment's estimates; where no version states a parameter they say so.
+
+    Arguments:
+        forecasts: of all versions and groups of seeds.
+
+    Raises:
+        InputError: they do not say whose they are.
+    """
+    of_version = grouped(forecasts, lambda of_group: of_group.identified().method)
     rows: list[TabledEstimate] = []
     seen: set[tuple[str, str, str]] = set()  # what all windows share is the same in every set
     experiment = ""
@@ -284,7 +294,7 @@ def estimates(forecasts: Sequence[Path], outputs: Sequence[Path], job: Estimates
                     rows.append(TabledEstimate(method=version, label=label, **vars(estimate)))
                 seen.add(key)
     title = f"{job.of_experiment(experiment)}: estimates"
-    Study(frame(TabledEstimate, rows), [table(rows, title)], lambda: draw(rows, job, title)).save(outputs)
+    return Study(frame(TabledEstimate, rows), [table(rows, title)], lambda: draw(rows, job, title))
 
 
 def _stated(parts: Sequence[Forecasts], job: EstimatesJob) -> dict[str, Stated]:

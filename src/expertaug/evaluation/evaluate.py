@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import cache, partial
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,39 +23,68 @@ from expertaug.rows import write_csv
 from expertaug.tracking.log import Run, read_log
 from expertaug.tracking.metrics_csv import MetricRow
 from expertaug.tracking.run_log import RunLog
-from expertaug.trajectories import Trajectories
+from expertaug.trajectories import SetFolder, Trajectories
 from expertaug.versions import SHOWN_SETS
 
 
-def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: EvaluateJob) -> None:
-    """Write the metrics of every seed and set, and forecasts of chosen samples.
+@dataclass(frozen=True)
+class Evaluation:
+    """What an evaluation says of a group of seeds.
+
+    Attributes:
+        rows: the metrics of every seed and set.
+        forecasts: kept of validation, iid and test alone; errors of every sample of all sets that are no longer than
+            the training's.
+    """
+
+    rows: list[MetricRow]
+    forecasts: Forecasts
+
+
+def run_stage(model: Path, data: Path, metrics: Path, forecasts: Path, job: EvaluateJob) -> None:
+    """Stage: write the metrics of every seed and set, and forecasts of chosen samples.
 
     Arguments:
         model: file of the trained model.
         data: folder of the sets.
         metrics: CSV in long format (:class:`expertaug.tracking.metrics_csv.MetricRow`).
-        forecasts: npz (:mod:`expertaug.evaluation.forecasts`): forecasts are kept of validation, iid and test alone,
-            errors of every sample of all sets that are no longer than the training's.
+        forecasts: npz (:mod:`expertaug.evaluation.forecasts`).
 
     Raises:
         InputError: the model and the job disagree on the seeds.
     """
-    device, folder, scoring = device_of(job.device), Path(data), job.evaluation
-    stored = load(model, device, job.classes or ())
+    stored = load(model, device_of(job.device), job.classes or ())
+    evaluation = evaluate(stored, SetFolder(data), job)
+    evaluation.forecasts.save(forecasts)
+    write_csv(Path(metrics), MetricRow, evaluation.rows)
+    write_log(Path(metrics), Path(model), stored, job)
+
+
+def evaluate(stored: StoredModel, sets: Mapping[str, Trajectories], job: EvaluateJob) -> Evaluation:
+    """Score a trained model's forecasts on every set.
+
+    Arguments:
+        sets: train, and those of the job. They are asked for one after the other, and train alone is kept: a
+            :class:`~expertaug.trajectories.SetFolder` needs no memory for the others.
+
+    Raises:
+        InputError: the model and the job disagree on the seeds.
+    """
+    device, scoring = device_of(job.device), job.evaluation
     if stored.seeds != job.seeds:
-        raise InputError(model, f"holds seeds {stored.seeds}", f"expected {job.seeds}: train again")
+        raise InputError(stored.where, f"holds seeds {stored.seeds}", f"expected {job.seeds}: train again")
     start = job.choices.forecast_start
     refinement = refinement_of(stored, job.refinement)
-    train = cache(partial(Trajectories.load, folder / "train.npz"))
+    train = cache(lambda: sets["train"])
     if refinement is not None:
         refinement = with_overdispersion(stored, refinement, train())
         stored = replace(stored, model=refined_by(stored, refinement), card=stored.card.but(refinement=refinement))
     identity = (job.experiment, stored.card.system_name, job.method, job.label, job.preset)
     rows: list[MetricRow] = []
-    sets: dict[str, SetForecasts] = {}
+    of_sets: dict[str, SetForecasts] = {}
     t, rank_draws, distributed = np.array([]), None, False
     for name in job.sets:
-        whole = train() if name == "train" else Trajectories.load(folder / f"{name}.npz")
+        whole = train() if name == "train" else sets[name]
         truth = whole.spread(scoring.max_samples)
         if name == "train":
             truth = truth.spread(scoring.train_samples)
@@ -76,7 +106,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
         if shown:
             set_forecasts = replace(set_forecasts, kept=_of_chosen_samples(truth, scored))
         if shown or set_forecasts.errors is not None:
-            sets[name] = set_forecasts
+            of_sets[name] = set_forecasts
     own = None
     if distributed and job.own is not None and scoring.draws:
         drawing = drawing_of(stored, scoring, job.noise, np.array(stored.card.t), start, device)
@@ -86,7 +116,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
     system = stored.model.system
     parameters = [*system.expert_parameters, *(system.interaction_parameters if stored.card.truth else ())]
     constants = {} if refinement is None else refinement.shared or {}
-    Forecasts(
+    forecasts = Forecasts(
         t=t,
         observed=stored.card.observed - 1,
         seeds=stored.seeds,
@@ -94,7 +124,7 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
         state_units=[p.unit for p in system.state],
         parameter_names=[p.name for p in system.expert_parameters],
         parameter_units=[p.unit for p in system.expert_parameters],
-        sets=sets,
+        sets=of_sets,
         failed=stored.failed,
         interaction_names=[p.name for p in getattr(system, "interaction_parameters", ())],
         estimated_names=[p.name for p in parameters],
@@ -105,9 +135,8 @@ def evaluate(model: Path, data: Path, metrics: Path, forecasts: Path, job: Evalu
         version=VersionKey(job.experiment, job.preset, job.method),
         rank_draws=rank_draws,
         own=own,
-    ).save(forecasts)
-    write_csv(Path(metrics), MetricRow, rows)
-    write_log(Path(metrics), Path(model), stored, job)
+    )
+    return Evaluation(rows, forecasts)
 
 
 def _of_every_sample(name: str, truth: Trajectories, scored: Scored) -> SetForecasts:

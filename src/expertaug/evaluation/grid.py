@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from expertaug.evaluation.settings import GridJob
 from expertaug.evaluation.summary import spread_of
 from expertaug.evaluation.table import Cell, Study, Table
 from expertaug.models import store
+from expertaug.models.card import ModelCard
 from expertaug.rows import frame
 
 
@@ -51,17 +52,29 @@ class Point:
     minutes: float
 
 
-def grid(models: Sequence[Path], outputs: Sequence[Path], job: GridJob) -> None:
-    """Write the table and draw the figure of a sweep.
+def run_stage(models: Sequence[Path], outputs: Sequence[Path], job: GridJob) -> None:
+    """Stage: write the table and draw the figure of a sweep.
 
     Arguments:
-        models: model files of all points and groups of seeds; only what they say of their training is used.
+        models: model files of all points and groups of seeds; only what they say of their training is read.
         outputs: any of .csv (mean, std, n in full precision), .md, .tex, .png and .pdf.
 
     Raises:
-        InputError: a model is of no point, a point has no model, or an output's suffix is unknown.
+        InputError: a file is broken, as of :func:`grid`, or an output's suffix is unknown.
     """
-    scores = read_scores(models, [name for name, _ in job.points])
+    grid({str(path): store.read_card(path) for path in models}, job).save(outputs)
+
+
+def grid(cards: Mapping[str, ModelCard], job: GridJob) -> Study:
+    """The table and the figure of a sweep.
+
+    Arguments:
+        cards: of the models of all points and groups of seeds, by what messages call these.
+
+    Raises:
+        InputError: a model is of no point, or a point has no model.
+    """
+    scores = scores_of(cards, [name for name, _ in job.points])
     points, values = summarise(scores, job), values_of(job)
     title = f"{job.experiment}: grid over {', '.join(job.keys)}"
     header = ["point", *job.keys, "selection score", "best pass", "minutes"]
@@ -72,16 +85,15 @@ def grid(models: Sequence[Path], outputs: Sequence[Path], job: GridJob) -> None:
     numbers = frame(Point, points)
     for place, key in enumerate(job.keys):
         numbers.insert(1 + place, key, [values[point.point][place] for point in points])
-    Study(numbers, [printed], lambda: _draw(scores, points, job)).save(outputs)
+    return Study(numbers, [printed], lambda: _draw(scores, points, job))
 
 
-def read_scores(models: Sequence[Path], names: Sequence[str]) -> list[SeedScore]:
+def scores_of(cards: Mapping[str, ModelCard], names: Sequence[str]) -> list[SeedScore]:
     """Selection score of every seed of every point."""
     rows: list[SeedScore] = []
-    for path in models:
-        card = store.read_card(Path(path))
+    for where, card in cards.items():
         if card.method not in names:
-            raise InputError(path, f"a model of '{card.method}'", "give the models of the grid")
+            raise InputError(where, f"a model of '{card.method}'", "give the models of the grid")
         scores = zip(card.seeds, card.best_score or [], card.best_epoch or [], strict=True)
         minutes = card.wall_s / 60
         rows += [

@@ -9,8 +9,11 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
-from expertaug import files
+from matplotlib.figure import Figure
+
+from expertaug import files, plotting
 from expertaug.evaluation import traces
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.parameters import parameters
 from expertaug.evaluation.products import EVALUATION_LOG, OWN_FIGURES
 from expertaug.evaluation.settings import ParameterReading
@@ -21,8 +24,8 @@ from expertaug.tracking.sync import Sync
 logger = logging.getLogger(__name__)
 
 
-def log_evaluations(forecasts: Sequence[Path], output: Path, tracking: Tracking | None) -> None:
-    """Draw forecasts.png and parameters.png beside each forecasts.npz, and store the evaluation's log with them.
+def run_stage(forecasts: Sequence[Path], output: Path, tracking: Tracking | None) -> None:
+    """Stage: draw forecasts.png and parameters.png beside each forecasts.npz, and store the evaluation's log with them.
 
     Arguments:
         forecasts: forecasts.npz of all versions and groups of seeds, each with its evaluation.jsonl.
@@ -38,10 +41,8 @@ def log_evaluations(forecasts: Sequence[Path], output: Path, tracking: Tracking 
     for path in map(Path, forecasts):
         log = path.with_name(EVALUATION_LOG)
         header = read_log(log).header
-        reading = ParameterReading(labels=[(header.method, header.label)])
-        drawn = [path.with_name(name) for name in OWN_FIGURES]
-        traces.forecasts({header.method: path}, drawn[0], reading)
-        parameters({header.method: path}, drawn[1], reading)
+        drawn = own_figures(Forecasts.load(path), header.method, header.label)
+        plotting.save_all({path.with_name(name): figure for name, figure in drawn.items()})
         logger.info("%s: drawn", path.parent)
         made = None
         if tracking is not None and all(stored.values()):  # a store that fails is not asked again for each log
@@ -49,3 +50,15 @@ def log_evaluations(forecasts: Sequence[Path], output: Path, tracking: Tracking 
         stored[str(log)] = made is not None
         runs.setdefault(header.label, {}).update(made or {})
     files.write_json(output, {"stored": stored, "runs": runs})
+
+
+def own_figures(forecasts: Forecasts, method: str, label: str) -> dict[str, Figure]:
+    """The figures of one evaluation alone, by the names of their files: forecasts, and estimated parameters.
+
+    Arguments:
+        method: whose forecasts they are.
+        label: what is printed for it.
+    """
+    reading, alone = ParameterReading(labels=[(method, label)]), {method: forecasts}
+    figures = traces.forecasts(alone, reading), parameters(alone, reading)
+    return dict(zip(OWN_FIGURES, figures, strict=True))

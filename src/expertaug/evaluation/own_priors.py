@@ -38,8 +38,8 @@ class OwnPrior:
     says: str
 
 
-def own_priors(priors: Sequence[Path], outputs: Sequence[Path], job: OwnPriorsJob) -> None:
-    """Write the table.
+def run_stage(priors: Sequence[Path], outputs: Sequence[Path], job: OwnPriorsJob) -> None:
+    """Stage: write the table.
 
     Arguments:
         priors: what the stage own-prior wrote.
@@ -48,9 +48,13 @@ def own_priors(priors: Sequence[Path], outputs: Sequence[Path], job: OwnPriorsJo
     Raises:
         InputError: a file is broken, or an output's suffix is unknown.
     """
-    rows = []
-    for path, (label, seeds) in zip(priors, job.priors, strict=True):
-        rows += _rows(path, label, seeds)
+    whose = zip(priors, job.priors, strict=True)
+    rows = [row for path, (label, seeds) in whose for row in read_rows(path, label, seeds)]
+    own_priors(rows, job).save(outputs)
+
+
+def own_priors(rows: Sequence[OwnPrior], job: OwnPriorsJob) -> Study:
+    """The table of the ranges of all versions and groups of seeds."""
     header = ["p⁺ of", "seeds", "parameter", "training windows", "found", "explained [%]"]
     cells = [
         [
@@ -64,10 +68,15 @@ def own_priors(priors: Sequence[Path], outputs: Sequence[Path], job: OwnPriorsJo
         for row in rows
     ]
     title = f"{job.of_experiment(job.experiment)}: p⁺ that found its own ranges"
-    Study(frame(OwnPrior, rows), [Table(header, [("", cells)], 5, (), title, CAPTION, "own-priors")]).save(outputs)
+    return Study(frame(OwnPrior, rows), [Table(header, [("", cells)], 5, (), title, CAPTION, "own-priors")])
 
 
-def _rows(path: Path, label: str, seeds: str) -> list[OwnPrior]:
+def read_rows(path: Path, label: str, seeds: str) -> list[OwnPrior]:
+    """The rows of a version and group of seeds, one a parameter, from what the stage own-prior wrote.
+
+    Raises:
+        InputError: the file is broken.
+    """
     try:
         made = json.loads(Path(path).read_text(encoding="utf-8"))
         explained, says = (made["explained"], made["rounds"], made["windows"]), made["says"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,31 +25,18 @@ BINS, TAIL = 25, 0.02  # of a histogram, and the part of all estimates that it l
 PLAIN = ParameterReading(labels=[])
 
 
-def parameters(
-    forecasts: Mapping[str, Path], outputs: Path | Sequence[Path], reading: ParameterReading = PLAIN
-) -> None:
-    """Draw estimated against true expert parameters: a row per parameter, a column per method, all seeds.
+def parameters(forecasts: Mapping[str, Forecasts], reading: ParameterReading = PLAIN) -> Figure:
+    """Estimated against true expert parameters: a row per parameter, a column per method, all seeds; where no method
+    estimates anything the figure says so.
 
     Arguments:
-        forecasts: forecasts.npz by method; methods that estimate nothing are left out.
-        outputs: as in :func:`log_mse`; where no method estimates anything the figure says so.
-        reading: without a training range that of the file's training values is shaded, and where it has none that of
-            its validation values.
-
-    Raises:
-        InputError: a file is broken.
+        forecasts: by method; methods that estimate nothing are left out.
+        reading: without a training range that of the forecasts' training values is shaded, and where they have none
+            that of their validation values.
     """
-    loaded = {method: Forecasts.load(path) for method, path in forecasts.items()}
-    estimating = {method: data for method, data in loaded.items() if data.estimates}
-    if not estimating:
-        plotting.save_note("no method estimates parameters", outputs)
-        return
-    with plotting.styled():
-        plotting.save(draw_parameters(estimating, reading), outputs)
-
-
-def draw_parameters(found: Mapping[str, Forecasts], reading: ParameterReading) -> Figure:
-    """The figure of :func:`parameters` from forecasts in memory, all of which have estimates."""
+    found = {method: data for method, data in forecasts.items() if data.estimates}
+    if not found:
+        return plotting.note("no method estimates parameters")
     methods = ordered(found, dict(reading.hues))
     colours = plotting.colours(methods, dict(reading.hues))
     first = found[methods[0]]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
 from expertaug.errors import InputError
-from expertaug.evaluation.forecasts import read_forecasts
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.intervals import Interval, Resampled, against, interval
 from expertaug.evaluation.metrics import metric_of
 from expertaug.evaluation.samples import Samples
@@ -17,6 +17,7 @@ from expertaug.evaluation.settings import CompareJob, Titles
 from expertaug.evaluation.summary import Mean, in_domain, read_metrics, summarise
 from expertaug.evaluation.table import DASH, Cell, Study, Table
 from expertaug.rows import frame, read_csv
+from expertaug.tracking.metrics_csv import MetricRow
 
 NUMBERS = Path(__file__).with_name("paper.csv")
 # The paper's tables (labels of its source), by metric.
@@ -116,8 +117,8 @@ def verdict(mean: float, difference: Interval | None) -> str:
     return "better" if difference.mean < 0 else "worse"
 
 
-def compare(metrics: Sequence[Path], outputs: Sequence[Path], job: CompareJob, forecasts: Sequence[Path]) -> None:
-    """Write tables of published and own numbers.
+def run_stage(metrics: Sequence[Path], outputs: Sequence[Path], job: CompareJob, forecasts: Sequence[Path]) -> None:
+    """Stage: write tables of published and own numbers.
 
     Arguments:
         metrics: metrics.csv of every method and group of seeds, of one experiment or of several.
@@ -127,8 +128,21 @@ def compare(metrics: Sequence[Path], outputs: Sequence[Path], job: CompareJob, f
     Raises:
         InputError: a file is broken, a system is unknown, samples' errors are missing, or an output's suffix.
     """
-    rows = comparison(summarise(read_metrics(metrics)), Samples(read_forecasts(forecasts)), job)
-    Study(frame(Compared, rows), _tables(rows)).save(outputs)
+    compare(read_metrics(metrics), map(Forecasts.load, forecasts), job).save(outputs)
+
+
+def compare(rows: Sequence[MetricRow], forecasts: Iterable[Forecasts], job: CompareJob) -> Study:
+    """Tables of published and own numbers.
+
+    Arguments:
+        rows: the metrics of every method and seed, of one experiment or of several.
+        forecasts: of the same runs, which have the errors of every sample.
+
+    Raises:
+        InputError: a system is unknown, or samples' errors are missing.
+    """
+    compared = comparison(summarise(rows), Samples(forecasts), job)
+    return Study(frame(Compared, compared), _tables(compared))
 
 
 def comparison(means: Sequence[Mean], samples: Samples, job: CompareJob) -> list[Compared]:

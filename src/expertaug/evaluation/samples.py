@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,7 +32,7 @@ class Samples:
         InputError: a file is from before samples' errors were kept, or two of one version have other samples.
     """
 
-    def __init__(self, forecasts: Sequence[Forecasts]) -> None:
+    def __init__(self, forecasts: Iterable[Forecasts]) -> None:
         parts: dict[VersionKey, list[Forecasts]] = {}
         for loaded in forecasts:
             parts.setdefault(loaded.identified(), []).append(loaded)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.dots import LOOKS
-from expertaug.evaluation.forecasts import read_forecasts
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.metrics import DIVERGED, RELATIVE_ERROR, log_mse_of, metric_of
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.settings import Ranges, StudyJob
@@ -32,6 +32,7 @@ from expertaug.evaluation.summary import (
 from expertaug.evaluation.table import Study as Made
 from expertaug.evaluation.table import Table
 from expertaug.rows import frame
+from expertaug.tracking.metrics_csv import MetricRow
 from expertaug.versions import LINES, base, compared
 
 DURING_TRAINING_SETS = ("train", "validation", "test")
@@ -229,8 +230,8 @@ class Study:
     draw: Callable[[Sequence[TabledMean], StudyJob], Figure]
 
 
-def study(metrics: Sequence[Path], outputs: Sequence[Path], job: StudyJob, forecasts: Sequence[Path] = ()) -> None:
-    """Write the table and draw the figure of a study.
+def run_stage(metrics: Sequence[Path], outputs: Sequence[Path], job: StudyJob, forecasts: Sequence[Path] = ()) -> None:
+    """Stage: write the table and draw the figure of a study.
 
     Arguments:
         metrics: metrics.csv (of the study along training: during_training.csv) of all variants and groups of seeds.
@@ -241,17 +242,33 @@ def study(metrics: Sequence[Path], outputs: Sequence[Path], job: StudyJob, forec
     Raises:
         InputError: a file is broken or lacks what the study compares, or an output's suffix is unknown.
     """
+    rows = read_metrics(metrics, KINDS[job.study].along)
+    study(rows, job, map(Forecasts.load, forecasts), metrics[0]).save(outputs)
+
+
+def study(
+    rows: Sequence[MetricRow], job: StudyJob, forecasts: Iterable[Forecasts] = (), where: object = "metrics"
+) -> Made:
+    """The table and the figure of a study.
+
+    Arguments:
+        rows: the metrics of all variants and seeds; of the study along training with its passes.
+        forecasts: of the same runs, from which the intervals come; along a training those of the seeds alone are shown.
+        where: what messages call the metrics.
+
+    Raises:
+        InputError: a set that the study compares has no metrics.
+    """
     kind, labels = KINDS[job.study], job.label_of
-    read = read_metrics(metrics, kind.along)
-    samples = None if kind.along else Samples(read_forecasts(forecasts))
-    summary = with_intervals([row for row in read if row.method in labels], samples)
-    _require(summary, metrics, job)
+    samples = None if kind.along else Samples(forecasts)
+    summary = with_intervals([row for row in rows if row.method in labels], samples)
+    _require(summary, where, job)
     name = summary[0].experiment
     caption = _caption(summary, job) + (f" {DIVERGED.note}" if any_of(DIVERGED, summary) else "")
     title, label = f"{name}: {kind.title}", f"{name}-{job.study}".replace("_", "-")
-    head, rows, names = kind.rows(summary, job)
-    printed = Table(head, [("", rows)], names, (), title, caption, label)
-    Made(frame(TabledMean, summary), [printed], lambda: kind.draw(summary, job)).save(outputs)
+    head, printed, names = kind.rows(summary, job)
+    table = Table(head, [("", printed)], names, (), title, caption, label)
+    return Made(frame(TabledMean, summary), [table], lambda: kind.draw(summary, job))
 
 
 def z_a_of(job: StudyJob, name: str) -> Mapping[str, Sequence[float]]:
@@ -269,12 +286,12 @@ def by_passes(summary: Sequence[TabledMean]) -> dict[tuple[str, str, int, int], 
     return {(mean.metric, mean.set, mean.epoch or 0, mean.finetune_epochs or 0): mean for mean in summary}
 
 
-def _require(summary: Sequence[TabledMean], metrics: Sequence[Path], job: StudyJob) -> None:
+def _require(summary: Sequence[TabledMean], where: object, job: StudyJob) -> None:
     panels = job.options.panels
     evaluated = {mean.set for mean in summary}
     for name in [name for _, names in panels for name in names]:
         if name not in evaluated:
-            raise InputError(metrics[0], f"no metrics of the set {name!r}", "evaluate again")
+            raise InputError(where, f"no metrics of the set {name!r}", "evaluate again")
 
 
 def _caption(summary: Sequence[TabledMean], job: StudyJob) -> str:

@@ -63,36 +63,49 @@ GAINS = (
 )
 
 
-def tabulate(
+def run_stage(
     metrics: Sequence[Path],
     outputs: Sequence[Path],
     job: TabulateJob | None = None,
     forecasts: Sequence[Path] = (),
 ) -> None:
-    """Write tables of means over seeds with their intervals; rows are methods, columns set × metric.  A second table
-    has what augmented versions gain over their controls.
+    """Stage: write the tables of one experiment or of several (one table each).
 
     Arguments:
-        metrics: metrics.csv of every method and group of seeds, of one experiment or of several (one table each).
+        metrics: metrics.csv of every method and group of seeds.
         outputs: any of ``….csv`` (wide), ``…_long.csv``, ``….md`` and ``….tex`` (booktabs).  CSV files hold all metrics
             in full precision, the long one of all sets; LaTeX the log-MSE, the parameters' error and the share of
             runaways where there are any, Markdown these and the others in a table of its own, of the shown sets.
-        forecasts: forecasts.npz of the same runs: errors of every sample, from which the intervals come (without them
-            standard deviations over seeds are printed), and the parameters' units.
+        forecasts: forecasts.npz of the same runs.
 
     Raises:
         InputError: a file is broken, there are none of these metrics, or an output's suffix is unknown.
     """
-    job, loaded = job or TabulateJob(labels=[]), read_forecasts(forecasts)
-    units, samples = _units(loaded), Samples(loaded)
-    long = _with_choice(_with_gains(_prepare(read_metrics(metrics), job, samples), samples), job, samples)
+    tabulate(read_metrics(metrics), job, read_forecasts(forecasts)).save(outputs)
+
+
+def tabulate(rows: Sequence[MetricRow], job: TabulateJob | None = None, forecasts: Sequence[Forecasts] = ()) -> Study:
+    """Tables of means over seeds with their intervals; rows are methods, columns set × metric.  A second table has what
+    augmented versions gain over their controls.
+
+    Arguments:
+        rows: the metrics of every method and seed.
+        forecasts: of the same runs: errors of every sample, from which the intervals come (without them standard
+            deviations over seeds are printed), and the parameters' units.
+
+    Raises:
+        InputError: forecasts of one version have other samples, or there are none of these metrics.
+    """
+    job = job or TabulateJob(labels=[])
+    units, samples = _units(forecasts), Samples(forecasts)
+    long = _with_choice(_with_gains(_prepare(rows, job, samples), samples), job, samples)
     if not shown_metrics(long, job.convention):
         available = ", ".join(_metrics(long))
         raise InputError("metrics", "neither log-MSE nor parameter error is in the files", f"they hold {available}")
     main = [mean for mean in long if mean.set in SHOWN_SETS]
     parts = grouped(main, lambda mean: mean.experiment)
     tables = [table for part in parts.values() for table in _tables(part, job, samples, units)]
-    Study(_wide(main), tables, long=frame(TabledMean, long)).save(outputs)
+    return Study(_wide(main), tables, long=frame(TabledMean, long))
 
 
 def _tables(part: Sequence[TabledMean], job: TabulateJob, samples: Samples, units: Mapping[str, str]) -> list[Table]:

@@ -3,7 +3,7 @@ training."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.settings import FigureReading
-from expertaug.tracking.log import Log, read_log
+from expertaug.tracking.log import Log
 from expertaug.versions import Version, ordered, paired
 
 TRUTH = {"color": "0.75", "linewidth": 3.2}  # wide and below all forecasts, so that one right above it is seen
@@ -58,34 +58,28 @@ PLAIN = FigureReading(labels=[])
 
 
 def forecasts(
-    forecasts: Mapping[str, Path],
-    outputs: Path | Sequence[Path],
+    forecasts: Mapping[str, Forecasts],
     reading: FigureReading = PLAIN,
     view: View | None = None,
-) -> None:
-    """Draw the forecasts of several methods for the same samples: a row per state dimension, a column per sample.
+    names: Mapping[str, str | Path] | None = None,
+) -> Figure:
+    """The forecasts of several methods for the same samples: a row per state dimension, a column per sample.
 
     Arguments:
-        forecasts: forecasts.npz by method; all of one experiment.
-        outputs: .png or .pdf files, or one path without suffix for both.
-        view: which forecasts.
+        forecasts: by method; all of one experiment.
+        view: which of them.
+        names: what messages call each method's; None: the files that they are from.
 
     Raises:
-        InputError: a file is broken, holds other samples than the first one, or lacks the set, the seed or a sample.
+        InputError: there are none, some are of other samples than the first ones, or lack the set, the seed or a
+            sample.
     """
     if not forecasts:
         raise InputError("forecasts", "no file", "at least one forecasts.npz")
-    loaded = {method: Forecasts.load(path) for method, path in forecasts.items()}
-    with plotting.styled():
-        plotting.save(draw_forecasts(loaded, reading, view or View(), forecasts), outputs)
-
-
-def draw_forecasts(
-    found: Mapping[str, Forecasts], reading: FigureReading, view: View, names: Mapping[str, str | Path]
-) -> Figure:
-    """The figure of :func:`forecasts` from forecasts in memory; messages call them as ``names`` do."""
-    methods, name = ordered(found, dict(reading.hues)), view.set
-    found = {method: found[method] for method in methods}
+    view = view or View()
+    names = names or {method: data.path or f"forecasts of {method}" for method, data in forecasts.items()}
+    methods, name = ordered(forecasts, dict(reading.hues)), view.set
+    found = {method: forecasts[method] for method in methods}
     first = found[methods[0]]
     _check_same(names, found, name)
     truth, count = first.kept[name].truth, len(first.kept[name].index)
@@ -253,30 +247,24 @@ def _draw(axis: Axes, field: np.ndarray, limits: tuple[float, float]) -> AxesIma
     return axis.imshow(field, vmin=limits[0], vmax=limits[1], cmap=COLOURS, interpolation="nearest")
 
 
-def curves(
-    logs: Sequence[Path],
-    outputs: Path | Sequence[Path],
-    reading: FigureReading = PLAIN,
-    traced: Sequence[str] = (),
-) -> None:
-    """Draw the course of trainings: mean over seeds as a line, all seeds as a band; a row per experiment.
+def curves(logs: Iterable[Log], reading: FigureReading = PLAIN, traced: Sequence[str] = ()) -> Figure:
+    """The course of trainings: mean over seeds as a line, all seeds as a band; a row per experiment.  Where nothing is
+    trained the figure says so.
 
     Arguments:
-        logs: log.jsonl of every method and group of seeds.
-        outputs: as in :func:`forecasts`; where nothing is trained the figure says so.
+        logs: of every method and group of seeds.
         reading: its labels are those of the logs.
         traced: the versions to draw; none = all.
 
     Raises:
-        InputError: a log is broken or holds none of the metrics.
+        InputError: no log holds any of the metrics.
     """
     labels: dict[str, str] = {}
     experiments: dict[str, dict[str, list[Log]]] = {}
     # The scores of flows are densities.
-    read = [log for log in map(read_log, logs) if not Version.parse(log.header.method).is_flow]
+    read = [log for log in logs if not Version.parse(log.header.method).is_flow]
     if not read:
-        plotting.save_note("no method is trained by gradient steps", outputs)
-        return
+        return plotting.note("no method is trained by gradient steps")
     trained = {log.header.method for log in read}
     shown = trained & set(traced or trained) or trained
     for log in (log for log in read if log.header.method in shown):
@@ -313,7 +301,7 @@ def curves(
         plotting.legend(figure, handles)
         if len(experiments) == 1:
             plotting.heading(figure, plotting.text(reading.of_experiment(next(iter(experiments)))))
-        plotting.save(figure, outputs)
+    return figure
 
 
 def _limits(axes: Sequence[Axes], truth: np.ndarray) -> tuple[float, float]:

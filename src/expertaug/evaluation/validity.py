@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from expertaug.inference.settings import ValiditySettings
 from expertaug.models.settings import Refinement
 from expertaug.models.store import StoredModel, device_of
 from expertaug.settings import given_ranges
-from expertaug.trajectories import Trajectories
+from expertaug.trajectories import SetFolder, Trajectories
 from expertaug.versions import compared
 from expertaug.windows import Windows
 
@@ -64,31 +64,47 @@ class OfVersion:
     unit: str
 
 
-def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: ValidityJob) -> None:
-    """Write the table of an experiment's check of A1 and draw it along the first expert parameter.
+def run_stage(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: ValidityJob) -> None:
+    """Stage: write the table of an experiment's check of A1 and draw it along the first expert parameter.
 
     Arguments:
         models: files of trained models with an interaction model, one of each version.
-        data: folder of the sets; of the test set only the observed windows are used, but for the errors of simulated
-            data.
+        data: folder of the sets.
         outputs: any of .csv, .md, .tex, .png and .pdf.
         job: its versions are in the files' order.
 
     Raises:
-        InputError: a file is no such model.
+        InputError: a file is no such model, or an output's suffix is unknown.
     """
-    sets = {name: path for name in SETS if (path := Path(data) / f"{name}.npz").is_file()}
-    if "iid" in sets:
-        sets.pop("validation", None)
-    whole = {name: Trajectories.load(path) for name, path in sets.items()}
-    samples = {name: trajectories.spread(job.validity.samples) for name, trajectories in whole.items()}
+    stored = (load(path, device_of(job.device), job.classes or ()) for path in models)
+    validity(stored, SetFolder(data), job).save(outputs)
+
+
+def validity(models: Iterable[StoredModel], sets: Mapping[str, Trajectories], job: ValidityJob) -> Study:
+    """The table of an experiment's check of A1, and its figure along the first expert parameter.
+
+    Arguments:
+        models: trained, with an interaction model, one of each version, in the order of the job's; each is needed but
+            once.
+        sets: train, and of iid, validation and test those that there are; of the test set only the observed windows
+            are used, but for the errors of simulated data.
+
+    Raises:
+        InputError: nothing says how a model's windows are fitted, or there is no model.
+    """
+    samples: dict[str, Trajectories] = {}
+    trained: tuple[float, float] | None = None
+    for name in SETS:
+        if name in sets and not (name == "validation" and "iid" in samples):
+            whole = sets[name]
+            samples[name] = whole.spread(job.validity.samples)
+            trained = _true_range(whole) if name == "train" else trained
     rows, says = [], []
     of_versions: dict[str, OfVersion] = {}
-    for path, (version, label, fitting) in zip(models, job.versions, strict=True):
-        stored = load(path, device_of(job.device), job.classes or ())
-        how = stored.card.refinement or fitting  # of kind alternating, the file says it
+    for stored, (version, label, fitting) in zip(models, job.versions, strict=True):
+        how = stored.card.refinement or fitting  # of kind alternating, the card says it
         if how is None:
-            raise InputError(path, "nothing says how its windows are fitted", "give settings, noise and prior")
+            raise InputError(stored.where, "nothing says how its windows are fitted", "give settings, noise and prior")
         fits = {name: _refit(stored, trajectories, how, job.validity) for name, trajectories in samples.items()}
         parameters = stored.model.system.expert_parameters
         each = {p.name: _along(p.name, k, fits) for k, p in enumerate(parameters)}
@@ -106,8 +122,7 @@ def validity(models: Sequence[Path], data: Path, outputs: Sequence[Path], job: V
     cells = [[r["label"], r["set"], *(_text(r[key]) for key in COLUMNS)] for r in rows]
     notes = [f"- {escape(line)}" for line in says]
     table = Table(header, [("", cells)], 2, (), title, CAPTION, "validity", notes=notes)
-    trained = _true_range(whole["train"]) if "train" in whole else None
-    Study(long, [table], lambda: _draw(of_versions, job, title, trained)).save(outputs)
+    return Study(long, [table], lambda: _draw(of_versions, job, title, trained))
 
 
 def _refit(stored: StoredModel, data: Trajectories, fitting: Refinement, how: ValiditySettings) -> Refit:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.evaluation.forecasts import REMEDY, Forecasts, SetForecasts, read_forecasts
+from expertaug.evaluation.forecasts import REMEDY, Forecasts, SetForecasts
 from expertaug.evaluation.summary import in_domain
 
 
@@ -67,6 +67,7 @@ class VersionWindows:
         sets: by name.
         interaction: names of the true interaction's parameters, where they are known.
         own: of windows that the version's models have made themselves, where they were drawn.
+        path: of the first of its files.
     """
 
     experiment: str
@@ -75,6 +76,7 @@ class VersionWindows:
     sets: dict[str, WindowSet]
     own: Drawn | None = None
     interaction: tuple[str, ...] = ()
+    path: Path | None = field(default=None, compare=False)
 
     @property
     def judged(self) -> list[str]:
@@ -82,19 +84,28 @@ class VersionWindows:
         return [name for name in (in_domain(self.sets), "test") if name in self.sets]
 
 
-def read_windows(paths: Sequence[str | Path]) -> dict[str, VersionWindows]:
-    """Versions by name from the forecasts.npz of all versions and groups of seeds of an experiment.
+def windows_of(forecasts: Iterable[Forecasts]) -> dict[str, VersionWindows]:
+    """Versions by name.
+
+    Arguments:
+        forecasts: of all versions and groups of seeds of an experiment, each of which is needed but once.
 
     Raises:
-        InputError: a file is broken, or from before errors of single windows were kept.
+        InputError: they do not say whose they are, or are from before errors of single windows were kept.
     """
     parts: dict[str, list[VersionWindows]] = {}
-    for forecasts in read_forecasts(paths):
-        method = forecasts.identified().method
-        if "test" not in forecasts.sets or forecasts.sets["test"].misfit is None:
-            raise InputError(forecasts.path or "forecasts", "no array 'test_misfit'", REMEDY)
-        parts.setdefault(method, []).append(_of_trained_seeds(forecasts))
+    for of_group in forecasts:
+        method = of_group.identified().method
+        if "test" not in of_group.sets or of_group.sets["test"].misfit is None:
+            raise InputError(of_group.path or "forecasts", "no array 'test_misfit'", REMEDY)
+        parts.setdefault(method, []).append(_of_trained_seeds(of_group))
     return {name: _joined(several) for name, several in parts.items()}
+
+
+def none_shown(versions: Mapping[str, VersionWindows]) -> InputError:
+    """What is wrong where none of the versions is among those that a study shows."""
+    paths = [version.path for version in versions.values() if version.path is not None]
+    return InputError(paths[0] if paths else "forecasts", "no version has windows", "evaluate them again")
 
 
 def _of_trained_seeds(forecasts: Forecasts) -> VersionWindows:
@@ -111,6 +122,7 @@ def _of_trained_seeds(forecasts: Forecasts) -> VersionWindows:
         sets,
         None if forecasts.own is None else _drawn(forecasts.own, good, count),
         tuple(forecasts.interaction_names),
+        forecasts.path,
     )
 
 

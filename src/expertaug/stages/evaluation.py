@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,21 +14,13 @@ if TYPE_CHECKING:
     from expertaug.evaluation.products import Product
     from expertaug.evaluation.settings import (
         CompareJob,
-        DataCurvesJob,
-        DissipationJob,
         DuringTrainingJob,
-        EquationJob,
-        EstimatesJob,
         EvaluateJob,
-        GridJob,
         OverviewJob,
-        OwnPriorsJob,
         PlotJob,
         ReportJob,
         StudyJob,
         TabulateJob,
-        ValidityJob,
-        WindowStudyJob,
     )
     from expertaug.stages.files import Files
 
@@ -61,9 +52,9 @@ class Evaluate(StageWithPrior):
 
     @staticmethod
     def run(a: argparse.Namespace, job: EvaluateJob) -> None:
-        from expertaug.evaluation.evaluate import evaluate
+        from expertaug.evaluation.evaluate import run_stage
 
-        evaluate(a.model, a.data, a.output, a.forecasts, job)
+        run_stage(a.model, a.data, a.output, a.forecasts, job)
 
 
 class LogEvaluations(Stage):
@@ -81,9 +72,9 @@ class LogEvaluations(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: None) -> None:
-        from expertaug.evaluation.log_evaluations import log_evaluations
+        from expertaug.evaluation.log_evaluations import run_stage
 
-        log_evaluations(a.forecasts, a.output, tracking_of(a))
+        run_stage(a.forecasts, a.output, tracking_of(a))
 
 
 class DuringTraining(StageWithPrior):
@@ -105,9 +96,9 @@ class DuringTraining(StageWithPrior):
 
     @staticmethod
     def run(a: argparse.Namespace, job: DuringTrainingJob) -> None:
-        from expertaug.evaluation.during_training import during_training
+        from expertaug.evaluation.during_training import run_stage
 
-        during_training(a.snapshots, a.data, a.output, a.work, job, tracking_of(a))
+        run_stage(a.snapshots, a.data, a.output, a.work, job, tracking_of(a))
 
 
 class Tabulate(Stage):
@@ -133,9 +124,9 @@ class Tabulate(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: TabulateJob) -> None:
-        from expertaug.evaluation.tabulate import tabulate
+        from expertaug.evaluation.tabulate import run_stage
 
-        tabulate(a.metrics, a.output, job, a.forecasts)
+        run_stage(a.metrics, a.output, job, a.forecasts)
 
 
 class Plot(Stage):
@@ -164,9 +155,9 @@ class Plot(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: PlotJob) -> None:
-        from expertaug.evaluation.plot import plot
+        from expertaug.evaluation.plot import run_stage
 
-        plot(a.table, a.forecasts, a.logs, a.output, job)
+        run_stage(a.table, a.forecasts, a.logs, a.output, job)
 
 
 class Study(StudyStage):
@@ -190,12 +181,12 @@ class Study(StudyStage):
         parser.add_argument("files", type=Path, nargs="+", help=text)
         add_outputs(parser, STUDY)
 
-    @staticmethod
-    def run(a: argparse.Namespace, job: StudyJob) -> None:
-        from expertaug.evaluation.studies import study
+    @classmethod
+    def run(cls, a: argparse.Namespace, job: StudyJob) -> None:
+        from expertaug.evaluation.studies import run_stage
 
         forecasts = [path for path in a.files if path.suffix == ".npz"]
-        study([path for path in a.files if path not in forecasts], a.output, job, forecasts)
+        run_stage([path for path in a.files if path not in forecasts], a.output, job, forecasts)
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
@@ -215,6 +206,7 @@ class Study(StudyStage):
 class _WindowStudy(StudyStage):
     """A study of single windows."""
 
+    paths = ("forecasts",)
     job = "expertaug.evaluation.settings:WindowStudyJob"
     slice = "expertaug.config.shown_settings:windows"
     reads = ("evaluate",)
@@ -223,10 +215,6 @@ class _WindowStudy(StudyStage):
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("forecasts", type=Path, nargs="+", help=OF_ALL)
         add_outputs(parser, STUDY)
-
-    @classmethod
-    def run(cls, a: argparse.Namespace, job: WindowStudyJob) -> None:
-        getattr(importlib.import_module(cls.code), cls.name)(a.forecasts, a.output, job)
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
@@ -266,6 +254,7 @@ class Grid(StudyStage):
 
     name = "grid"
     code = "expertaug.evaluation.grid"
+    paths = ("models",)
     job = "expertaug.evaluation.settings:GridJob"
     slice = "expertaug.config.shown_settings:grid"
     reads = ("train",)
@@ -275,12 +264,6 @@ class Grid(StudyStage):
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("models", type=Path, nargs="+", help="model files of every point and group of seeds")
         add_outputs(parser, STUDY)
-
-    @staticmethod
-    def run(a: argparse.Namespace, job: GridJob) -> None:
-        from expertaug.evaluation.grid import grid
-
-        grid(a.models, a.output, job)
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
@@ -292,6 +275,7 @@ class Validity(StudyStage):
 
     name = "validity"
     code = "expertaug.evaluation.validity"
+    paths = ("models", "data")
     job = "expertaug.evaluation.settings:ValidityJob"
     slice = "expertaug.config.stage_settings:validity"
     reads = (*SETS, *TRAINED)
@@ -307,12 +291,6 @@ class Validity(StudyStage):
         parser.add_argument("models", type=Path, nargs="+", help=text)
         add_paths(parser, data="folder of the sets")
         add_outputs(parser, STUDY)
-
-    @staticmethod
-    def run(a: argparse.Namespace, job: ValidityJob) -> None:
-        from expertaug.evaluation.validity import validity
-
-        validity(a.models, a.data, a.output, job)
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
@@ -333,6 +311,7 @@ class Dissipation(StudyStage):
 
     name = "dissipation"
     code = "expertaug.evaluation.dissipation"
+    paths = ("models", "data")
     job = "expertaug.evaluation.settings:DissipationJob"
     slice = "expertaug.config.stage_settings:dissipation"
     reads = (*SETS, *TRAINED)
@@ -347,12 +326,6 @@ class Dissipation(StudyStage):
         parser.add_argument("models", type=Path, nargs="+", help=text)
         add_paths(parser, data="folder of the sets")
         add_outputs(parser, STUDY)
-
-    @staticmethod
-    def run(a: argparse.Namespace, job: DissipationJob) -> None:
-        from expertaug.evaluation.dissipation import dissipation
-
-        dissipation(a.models, a.data, a.output, job)
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
@@ -374,6 +347,7 @@ class Estimates(StudyStage):
 
     name = "estimates"
     code = "expertaug.evaluation.estimates"
+    paths = ("forecasts",)
     job = "expertaug.evaluation.settings:EstimatesJob"
     slice = "expertaug.config.shown_settings:estimates"
     reads = ("evaluate",)
@@ -382,12 +356,6 @@ class Estimates(StudyStage):
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("forecasts", type=Path, nargs="+", help=OF_ALL)
         add_outputs(parser, STUDY)
-
-    @staticmethod
-    def run(a: argparse.Namespace, job: EstimatesJob) -> None:
-        from expertaug.evaluation.estimates import estimates
-
-        estimates(a.forecasts, a.output, job)
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
@@ -401,6 +369,7 @@ class DataCurves(StudyStage):
 
     name = "data-curves"
     code = "expertaug.evaluation.data_curves"
+    paths = ("tables",)
     job = "expertaug.evaluation.settings:DataCurvesJob"
     slice = "expertaug.config.shown_settings:data_curves"
     reads = ("tabulate",)
@@ -410,12 +379,6 @@ class DataCurves(StudyStage):
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("tables", type=Path, nargs="+", help="long table of every experiment that is a point")
         add_outputs(parser, STUDY)
-
-    @staticmethod
-    def run(a: argparse.Namespace, job: DataCurvesJob) -> None:
-        from expertaug.evaluation.data_curves import data_curves
-
-        data_curves(a.tables, a.output, job)
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
@@ -429,6 +392,7 @@ class Equation(StudyStage):
 
     name = "equation"
     code = "expertaug.evaluation.equations"
+    paths = ("models", "data")
     job = "expertaug.evaluation.settings:EquationJob"
     slice = "expertaug.config.stage_settings:equation"
     reads = (*SETS, *TRAINED)
@@ -444,12 +408,6 @@ class Equation(StudyStage):
         parser.add_argument("models", type=Path, nargs="+", help=text)
         add_paths(parser, data="folder of the sets")
         add_outputs(parser, TABLE)
-
-    @staticmethod
-    def run(a: argparse.Namespace, job: EquationJob) -> None:
-        from expertaug.evaluation.equations import equations
-
-        equations(a.models, a.data, a.output, job)
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
@@ -469,6 +427,7 @@ class OwnPriors(StudyStage):
     name = "tabulate-own-prior"
     former = ("own-priors",)
     code = "expertaug.evaluation.own_priors"
+    paths = ("priors",)
     job = "expertaug.evaluation.settings:OwnPriorsJob"
     slice = "expertaug.config.shown_settings:own_priors"
     reads = ("own_prior",)
@@ -481,12 +440,6 @@ class OwnPriors(StudyStage):
         text = "what own-prior wrote, of every version and group of seeds"
         parser.add_argument("priors", type=Path, nargs="+", help=text)
         add_outputs(parser, TABLE)
-
-    @staticmethod
-    def run(a: argparse.Namespace, job: OwnPriorsJob) -> None:
-        from expertaug.evaluation.own_priors import own_priors
-
-        own_priors(a.priors, a.output, job)
 
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
@@ -520,9 +473,9 @@ class Compare(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: CompareJob) -> None:
-        from expertaug.evaluation.published import compare
+        from expertaug.evaluation.published import run_stage
 
-        compare(a.metrics, a.output, job, a.forecasts)
+        run_stage(a.metrics, a.output, job, a.forecasts)
 
 
 class Overview(Stage):
@@ -547,9 +500,9 @@ class Overview(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: OverviewJob) -> None:
-        from expertaug.evaluation.dots import overview
+        from expertaug.evaluation.dots import run_stage
 
-        overview(a.tables, a.output, job)
+        run_stage(a.tables, a.output, job)
 
 
 class Report(Stage):
@@ -565,6 +518,6 @@ class Report(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: ReportJob) -> None:
-        from expertaug.evaluation.report.page import report
+        from expertaug.evaluation.report.page import run_stage
 
-        report(a.results, a.output, job)
+        run_stage(a.results, a.output, job)

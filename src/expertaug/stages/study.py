@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+import argparse
+import importlib
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from expertaug.stages.stage import Stage
 
@@ -15,6 +17,7 @@ class StudyStage(Stage):
     """A stage that makes a study. The workflow has one rule for all of them (``workflow/rules/studies.smk``).
 
     Attributes:
+        paths: options of its command that ``run_stage`` of its module takes before the outputs and the job.
         product: name of its table and figure; empty for the stage's own.
         draws: whether there is a figure.
         title: that reports show; empty for the study's name.
@@ -23,12 +26,18 @@ class StudyStage(Stage):
         log: where its log and its cost lie in their folders.
     """
 
+    paths: ClassVar[tuple[str, ...]] = ()
     product: ClassVar[str] = ""
     draws: ClassVar[bool] = True
     title: ClassVar[str] = ""
     runs_models: ClassVar[bool] = False
     memory_mb: ClassVar[int] = 1000
     log: ClassVar[str] = "study/{experiment}_{study}"
+
+    @classmethod
+    def run(cls, a: argparse.Namespace, job: Any) -> None:
+        """Read, call, write: what ``run_stage`` of its module does."""
+        importlib.import_module(cls.code).run_stage(*(getattr(a, name) for name in cls.paths), a.output, job)
 
     @classmethod
     def products(cls) -> tuple[Product, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pandas as pd
 import pytest
 import torch
 from test_least_squares import NOISE, OBSERVED, PRIOR, T, expert_alone, pendulum
@@ -78,20 +77,18 @@ def test_a_model_without_f_a_has_nothing_to_fit():
         refit(expert_alone("pendulum", data), seen(torch.zeros(OBSERVED, 1, 2, 2)), NOISE, PRIOR)
 
 
-def test_the_study_has_a_sentence_a_version(tmp_path, monkeypatch):
+def test_the_study_has_a_sentence_a_version():
+    sets = {}
     for name, z_e in (("train", (1.5, 3.1)), ("validation", (1.5, 3.1)), ("test", (0.6, 1.5))):
-        pendulum(z_e, damping=(0.2, 0.5), n=12).save(tmp_path / f"{name}.npz")
+        sets[name] = pendulum(z_e, damping=(0.2, 0.5), n=12)
     model = stored(Decoder(systems.load({"name": "pendulum"}), Friction()), pendulum((1.5, 3.1), n=3))
-    monkeypatch.setattr(validity, "load", lambda *_: model)
     fit = {"settings": {"starts": 8, "tries": 1, "steps": 10}, "noise": NOISE, "prior": PRIOR}
     told = {"experiment": "pendulum", "versions": [["aphynity", "APHYNITY", fit]], "hues": [["aphynity", 0]]}
     told |= {"validity": {"samples": 10, "steps": 2}, "device": "cpu", "title": None}
-    outputs = [tmp_path / f"validity.{end}" for end in ("csv", "md", "tex", "png")]
-    validity.validity([tmp_path / "m"], tmp_path, outputs, ValidityJob.from_mapping(told))
-    table = pd.read_csv(outputs[0]).set_index("set")
+    study = validity.validity([model], sets, ValidityJob.from_mapping(told))
+    table = study.numbers.set_index("set")
     assert list(table.index) == ["train", "validation", "test"] and table.loc["test", "windows"] == 10
     assert table.loc["test", "wrong"] < 30 and table.loc["test", "explained"] > 50
-    text = outputs[1].read_text(encoding="utf-8")
-    assert (
-        "- APHYNITY: F_a learned on omega0 in [1." in text and "holds in" in text and outputs[3].stat().st_size > 5000
-    )
+    text = study.markdown()
+    assert "- APHYNITY: F_a learned on omega0 in [1." in text and "holds in" in text
+    assert len(study.figure().axes) == 2 and "holds in" not in study.tex()

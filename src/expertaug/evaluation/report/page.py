@@ -67,8 +67,8 @@ class Numbers:
         return Block(name, title, caption, table=table, folded=folded, links=links or {})
 
 
-def report(results: Path, output: Path, job: ReportJob) -> None:
-    """Write the page: one HTML file that needs no other.
+def run_stage(results: Path, output: Path, job: ReportJob) -> None:
+    """Stage: write the page, one HTML file that needs no other.
 
     Arguments:
         results: the results folder of a finished run.
@@ -77,6 +77,11 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
     Raises:
         InputError: a table, a figure or a caption is missing or broken.
     """
+    write_text(output, report(results, job))
+
+
+def report(results: Path, job: ReportJob) -> str:
+    """The page, which shows files: what is on it is read from the results folder of a finished run."""
     results, numbers = Path(results), Numbers()
     shown = [Shown(file.path, file.caption, file.wildcards, file.title) for file in job.shown]
     experiments = [
@@ -103,7 +108,7 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
     record = run_record.of_run(results, measured)
     titles, notice = _without_notice([experiment.of_experiment(experiment.name) for _, experiment in experiments])
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    page = environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
+    return environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
         title=f"Results of {', '.join(titles)}",
         notice=notice,
         sentences=[headline.sentence(*part) for part in experiments],
@@ -115,7 +120,6 @@ def report(results: Path, output: Path, job: ReportJob) -> None:
         provenance=run_record.provenance_table(record, job, provenance.revision()),
         graph=drawing(job.rules),
     )
-    write_text(output, page)
 
 
 def _without_notice(titles: Sequence[str]) -> tuple[list[str], str]:

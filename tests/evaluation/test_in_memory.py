@@ -1,0 +1,116 @@
+"""What stages do is a call in memory: values in, a study out, and no file."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from test_dissipation import JOB, motion, pendulum
+from test_windows import CURVES, N
+
+from cards import card
+from expertaug.evaluation.alarms import alarm
+from expertaug.evaluation.coverage import coverage
+from expertaug.evaluation.dissipation import dissipation
+from expertaug.evaluation.distance import distance
+from expertaug.evaluation.forecasts import Forecasts, SetForecasts, VersionKey
+from expertaug.evaluation.grid import grid
+from expertaug.evaluation.own_priors import OwnPrior, own_priors
+from expertaug.evaluation.published import compare
+from expertaug.evaluation.settings import CompareJob, GridJob, OwnPriorsJob, StudyJob, WindowStudyJob
+from expertaug.evaluation.studies import study
+from expertaug.evaluation.tabulate import tabulate
+from expertaug.models.decoder import Decoder
+from expertaug.models.store import StoredModel
+from expertaug.tracking.metrics_csv import MetricRow
+
+SEEDS = [0, 1]
+
+
+@pytest.fixture(autouse=True)
+def no_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    yield
+    assert not list(tmp_path.iterdir())
+
+
+def forecasts(method: str = "a", experiment: str = "e") -> Forecasts:
+    """Of windows whose misfit tells which forecasts fail."""
+    random, sets = np.random.default_rng(0), {}
+    for name, (low, high) in {"validation": (1.5, 3.1), "iid": (1.5, 3.1), "test": (0.5, 1.5)}.items():
+        z_e = random.uniform(low, high, (N, 1))
+        bad = 1.0 * (z_e[:, 0] < 0.8)
+        noise = random.random((len(SEEDS), N))
+        sets[name] = SetForecasts(
+            errors=1e-3 * (1 + noise) + bad,
+            misfit=1e-4 * (1 + noise) + 1e-2 * bad,
+            z_e=z_e,
+            z_e_hat=z_e + 0.01 * random.standard_normal((len(SEEDS), N, 1)),
+            ranks=random.integers(0, 120, (len(SEEDS), N, 1)),
+            tarp=random.integers(0, 120, (len(SEEDS), N)),
+        )
+    return Forecasts(
+        t=np.arange(3.0),
+        observed=1,
+        seeds=SEEDS,
+        state_names=["theta"],
+        state_units=["rad"],
+        parameter_names=["omega0"],
+        parameter_units=["rad/s"],
+        sets=sets,
+        version=VersionKey(experiment, "corrected", method),
+        rank_draws=119,
+    )
+
+
+def rows(of: Forecasts, label: str) -> list[MetricRow]:
+    """The log-MSE of these errors."""
+    whose = of.identified()
+    named = (whose.experiment, "pendulum", whose.method, label, whose.preset)
+    return [
+        MetricRow(*named, seed, name, "log_mse_sum", float(np.log(errors.mean())))
+        for name, of_set in of.sets.items()
+        for seed, errors in zip(of.seeds, of_set.errors, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("make", [alarm, coverage, distance])
+def test_studies_of_windows(make):
+    made = make([forecasts()], WindowStudyJob.from_mapping(CURVES))
+    assert set(made.numbers["method"]) == {"a"} and made.tables[0].size and isinstance(made.figure(), Figure)
+
+
+def test_tables_and_studies_of_scores():
+    of = forecasts("aphynity", "swing")
+    scores = rows(of, "APHYNITY")
+    table = tabulate(scores, forecasts=[of])
+    low, mean, high = (table.numbers[f"test/log_mse_sum/{name}"][0] for name in ("low", "mean", "high"))
+    assert low < mean < high and "APHYNITY" in table.markdown()
+    shifts = {"distances": ["none"], "panels": [["z_e shifted", ["test"]]]}
+    job = StudyJob(study="out_of_expertise", labels=[("aphynity", "APHYNITY")], options=shifts)
+    asked = study(scores, job, [of])
+    assert list(asked.numbers.query("set == 'test'")["low"]) == [pytest.approx(low)]
+    beside = compare(scores, [of], CompareJob(published=[["swing", "pendulum"]])).numbers.set_index(["label", "set"])
+    assert beside.loc[("APHYNITY", "test"), "mean"].iloc[0] == pytest.approx(mean)
+
+
+def test_studies_of_models():
+    described = {"kind": "least_squares", "seeds": SEEDS, "t": motion(1).t.tolist(), "observed": 11}
+    described["system"] = {"name": "double_pendulum", "expert": "compound"}
+    models = [
+        StoredModel(Decoder(pendulum(friction=friction)), card(described | {"method": name}))
+        for name, friction in (("rubbing", (0.1, 0.1)), ("half", (0.05, 0.05)))
+    ]
+    sets = {name: motion(6, k) for k, name in enumerate(("train", "validation", "test"))}
+    numbers = dissipation(models, sets, JOB).numbers
+    whole, half = (numbers.query("method == @name")["dissipated"].to_numpy() for name in ("rubbing", "half"))
+    np.testing.assert_allclose(half, whole / 2, rtol=1e-4)
+    scores = {"method": "a@1", "seeds": SEEDS, "best_score": [-1.0, -2.0], "best_epoch": [3, 5], "wall_s": 60.0}
+    job = GridJob(experiment="lab", label="A", keys=["training.epochs"], points=[("a@1", [9])])
+    assert list(grid({"first": card(scores, t=[0.0], observed=1)}, job).numbers["mean"]) == [-1.5]
+
+
+def test_the_table_of_ranges():
+    row = OwnPrior("A+", "all", "omega0", 1.5, 3.1, 0.5, 3.5, 0.9, 3, True, "it explains 90 %")
+    text = own_priors([row], OwnPriorsJob(experiment="e", priors=[("A+", "all")])).markdown()
+    assert "| A+ | all | omega0 | [1.5, 3.1] | [0.5, 3.5] | 90 |" in text
