@@ -10,7 +10,6 @@ version is evaluated as it is and refined, on so many windows of each set, with 
 from __future__ import annotations
 
 import argparse
-import tempfile
 from pathlib import Path
 
 import torch
@@ -22,6 +21,9 @@ from expertaug.config.load import completed
 from expertaug.evaluation.alarms import alarm
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.settings import EvaluateJob, WindowStudyJob
+from expertaug.inference.flow import load
+from expertaug.models.store import device_of
+from expertaug.trajectories import SetFolder
 
 
 def main() -> None:
@@ -37,20 +39,18 @@ def main() -> None:
     torch.set_num_threads(1)
     config = completed(configuration.load(options.files))
     folder = Path(config.results) / options.experiment
-    with tempfile.TemporaryDirectory() as temporary:
-        made = []
-        for method in options.methods:
-            for version in (method, f"{method}~refined"):
-                for model in sorted((folder / method).glob("*/model.safetensors")):
-                    settings = stage_settings.evaluate(config, options.experiment, version, model.parent.name)
-                    fewer = {"max_samples": options.windows, "draws": options.draws, "drawn_samples": 1, "samples": 1}
-                    fewer["expected_draws"] = options.draws
-                    job = EvaluateJob.from_mapping(settings | {"evaluation": settings["evaluation"] | fewer})
-                    made.append(Path(temporary) / f"{version}_{model.parent.name}.npz")
-                    evaluate(model, folder / "data", Path(temporary) / "metrics.csv", made[-1], job)
-        table = Path(temporary) / "alarm.md"
-        alarm(made, [table], WindowStudyJob.from_mapping(shown_settings.windows(config, options.experiment)))
-        print(table.read_text(encoding="utf-8"))
+    made, sets = [], SetFolder(folder / "data")
+    for method in options.methods:
+        for version in (method, f"{method}~refined"):
+            for model in sorted((folder / method).glob("*/model.safetensors")):
+                settings = stage_settings.evaluate(config, options.experiment, version, model.parent.name)
+                fewer = {"max_samples": options.windows, "draws": options.draws, "drawn_samples": 1, "samples": 1}
+                fewer["expected_draws"] = options.draws
+                job = EvaluateJob.from_mapping(settings | {"evaluation": settings["evaluation"] | fewer})
+                stored = load(model, device_of(job.device), job.classes or ())
+                made.append(evaluate(stored, sets, job).forecasts)
+    study = alarm(made, WindowStudyJob.from_mapping(shown_settings.windows(config, options.experiment)))
+    print(study.markdown())
 
 
 if __name__ == "__main__":

@@ -12,10 +12,12 @@ import argparse
 import tempfile
 from pathlib import Path
 
+from expertaug import plotting
 from expertaug.config import load as config
 from expertaug.config import shown_settings
 from expertaug.evaluation import dots
 from expertaug.evaluation.settings import OverviewJob, PlotJob
+from expertaug.evaluation.summary import read_long
 from expertaug.runs.publish import copy
 from expertaug.stages import STAGES
 
@@ -30,9 +32,11 @@ def redraw(folder: Path) -> list[str]:
         new = Path(made)
         for name, table in tables.items():
             job = PlotJob.from_mapping(shown_settings.plot(whole, name))
-            dots.log_mse([table], new / f"{name}_log_mse", job)
-            dots.parameter_errors([table], new / f"{name}_parameter_errors", job)
-        dots.overview(list(tables.values()), new, OverviewJob.from_mapping(shown_settings.overview(whole, whole.run)))
+            rows = read_long(table)
+            plotting.save_all({new / f"{name}_log_mse": dots.log_mse(rows, job)})
+            plotting.save_all({new / f"{name}_parameter_errors": dots.parameter_errors(rows, job)})
+        of_all = OverviewJob.from_mapping(shown_settings.overview(whole, whole.run))
+        dots.run_stage(list(tables.values()), new, of_all)
         drawn = [path for path in sorted(new.glob("*.png")) if (folder / "figures" / path.name).exists()]
         for path in drawn:
             copy(path, folder / "figures" / path.name)
