@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.trajectories import Trajectories, points_until
+from expertaug.trajectories import SetFolder, Trajectories, points_until
 
 NAMES = np.array(["r0/0", "r0/80", "r10/4"])
 
@@ -78,3 +78,14 @@ def test_a_time_that_went_through_single_precision_is_not_lost(offset):
 
 def test_a_time_well_beyond_the_end_is_not_counted():
     assert points_until(np.arange(100) * 0.1 + 0.002, 2.4) == 24
+
+
+def test_sets_of_a_folder_are_read_when_they_are_asked_for(tmp_path):
+    """None is kept: two of a set are two values."""
+    sets = SetFolder(tmp_path)
+    for name in ("train", "test"):
+        Trajectories(np.arange(3.0), np.zeros((2, 3, 1)), np.zeros((2, 1))).save(tmp_path / f"{name}.npz")
+    assert sorted(sets) == ["test", "train"] and len(sets) == 2 and "iid" not in sets
+    assert len(sets["train"]) == 2 and sets["train"] is not sets["train"]
+    with pytest.raises(InputError, match=r"iid\.npz: no such file"):
+        sets["iid"]

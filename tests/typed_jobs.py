@@ -52,7 +52,7 @@ def flow(model, data, output, work, settings, tracking):
 
 def own_prior(model, data, output, settings, calibration=None):
     kind = FirstPriorJob if model is None else OwnPriorJob
-    return adaptive_prior.find_prior(model, data, output, job(kind, settings), calibration)
+    return adaptive_prior.run_stage(model, data, output, job(kind, settings), calibration)
 
 
 def evaluate(model, data, metrics, forecasts, settings):

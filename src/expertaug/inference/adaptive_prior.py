@@ -6,7 +6,7 @@ They grow from unlabelled windows of where a model is to work, or without such w
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel, device_of
 from expertaug.systems import Parameter, System
-from expertaug.trajectories import Trajectories
+from expertaug.trajectories import SetFolder, Trajectories
 from expertaug.windows import Windows
 
 Range = tuple[float, float]
@@ -242,7 +242,7 @@ def _with_margin(parameter: Parameter, found: Range) -> Range:
     return (max(lower, low / (1 + MARGIN)) if parameter.positive else lower, high + step)
 
 
-def find_prior(
+def run_stage(
     model: Path | None, data: Path, output: Path, settings: OwnPriorJob, calibration: Path | None = None
 ) -> AdaptivePrior:
     """Stage: find the ranges of p⁺ and write them.
@@ -254,32 +254,37 @@ def find_prior(
         settings: of the job; for the expert alone a :class:`FirstPriorJob`.
         calibration: JSON whose ``constants`` complete the system's settings.
     """
-    train = Trajectories.load(Path(data) / "train.npz")
+    sets = SetFolder(data)
+    train = sets["train"]
     if isinstance(settings, FirstPriorJob):
         described = describe_recipe(settings, None if calibration is None else Calibration.load(calibration))
-        system = systems.load(described.system)
-        stored, first = make_expert_alone(system, train, settings.expert, described), typical_ranges(system)
+        stored = make_expert_alone(systems.load(described.system), train, settings.expert, described)
     else:
         assert model is not None, "a job of the expert alone says what it is"
         stored = load(model, device_of(settings.device), settings.classes or ())
-        first = typical_ranges(stored.model.system)  # beside the model's own estimates, which may be wrong
-    noise, training_windows = settings.noise, _trajectories(train)
-    how = settings.refinement if model is not None else with_more_starts(settings.refinement)
-    if settings.windows:
-        observed = stored.card.observed
-        sets = [_trajectories(Trajectories.load(Path(data) / f"{name}.npz")) for name in settings.windows]
-        prior = adapt_prior(
-            stored,
-            training_windows.until(observed),
-            Windows.cat([part.until(observed) for part in sets]),
-            noise,
-            first,
-            how,
-        )
-    else:
-        prior = widen_prior(stored, training_windows, noise, settings.budget, first, how)
+    prior = find_prior(stored, train, (sets[name] for name in settings.windows), settings)
     write_text(Path(output), json.dumps({**asdict(prior), "says": prior.says}, indent=2) + "\n")
     return prior
+
+
+def find_prior(
+    stored: StoredModel, train: Trajectories, sets: Iterable[Trajectories], settings: OwnPriorJob
+) -> AdaptivePrior:
+    """Find the ranges of p⁺.
+
+    Arguments:
+        stored: a trained model; of a :class:`FirstPriorJob` the expert alone.
+        train: the training set.
+        sets: those whose observed windows are to be covered; none: the ranges are widened up to the job's budget.
+    """
+    first = typical_ranges(stored.model.system)  # beside the model's own estimates, which may be wrong
+    noise, training_windows, observed = settings.noise, _trajectories(train), stored.card.observed
+    alone = isinstance(settings, FirstPriorJob)
+    how = with_more_starts(settings.refinement) if alone else settings.refinement
+    windows = [_trajectories(data).until(observed) for data in sets]
+    if windows:
+        return adapt_prior(stored, training_windows.until(observed), Windows.cat(windows), noise, first, how)
+    return widen_prior(stored, training_windows, noise, settings.budget, first, how)
 
 
 def _trajectories(data: Trajectories) -> Windows:

@@ -127,9 +127,9 @@ class OwnPrior(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: OwnPriorJob) -> None:
-        from expertaug.inference.adaptive_prior import find_prior
+        from expertaug.inference.adaptive_prior import run_stage
 
-        print(find_prior(a.model, a.data, a.output, job, a.calibration).says)
+        print(run_stage(a.model, a.data, a.output, job, a.calibration).says)
 
 
 class Augment(StageWithPrior):
