@@ -28,7 +28,7 @@ import pandas as pd
 from clips import Motion, film
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.markers.geometry import estimate_geometry
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.rendering.render import RenderVideoJob, motion

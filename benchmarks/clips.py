@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from expertaug.files import read_json
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.ibm import import_markers, list_marker_files
 from expertaug_recordings.rendering.render import RenderVideoJob, markers, motion, poses
 from expertaug_recordings.rendering.scene import Scene

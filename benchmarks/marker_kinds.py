@@ -34,7 +34,7 @@ from expertaug.config import recording_settings  # noqa: E402
 from expertaug.errors import InputError  # noqa: E402
 from expertaug.files import atomic  # noqa: E402
 from expertaug_recordings.inspection.inspect import inspect  # noqa: E402
-from expertaug_recordings.markers.track import track_markers  # noqa: E402
+from expertaug_recordings.markers.track import run_stage as track_markers  # noqa: E402
 from expertaug_recordings.rendering.motion import simulate  # noqa: E402
 from expertaug_recordings.video.frame_store import extract_frames  # noqa: E402
 

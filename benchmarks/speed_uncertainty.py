@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_coeffs
 
 from expertaug.systems.double_pendulum import Constants
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.settings import MeasureAnglesJob
 

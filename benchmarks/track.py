@@ -25,7 +25,7 @@ import numpy as np
 
 from expertaug_recordings.markers.appearance import ROLES, STYLES
 from expertaug_recordings.markers.geometry import estimate_geometry
-from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.markers.tracker import Track, track_frames
 from expertaug_recordings.rendering.render import RenderVideoJob, markers, motion, poses
 from expertaug_recordings.rendering.scene import HALF, RADIUS, Scene

@@ -16,10 +16,10 @@ from scipy.interpolate import CubicSpline
 
 from expertaug.config import load as config
 from expertaug.config import recording_settings
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.inspection.inspect import inspect
-from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.settings import StatedTimes
 from expertaug_recordings.video.frame_store import extract_frames

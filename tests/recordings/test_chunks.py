@@ -9,10 +9,10 @@ from expertaug.errors import InputError
 from expertaug.measurements.splitting import SPLITS, keep_apart, number_segments
 from expertaug.systems.double_pendulum import energy
 from expertaug.trajectories import Trajectories
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.chunks import cut_horizon, split_chunks
 from expertaug_recordings.ibm import import_markers, list_marker_files
-from expertaug_recordings.reports.splits import plot_splits
+from expertaug_recordings.reports.splits import run_stage as plot_splits
 from expertaug_recordings.settings import ChunkKeys, CutHorizonJob, ImportMarkersJob, MeasureAnglesJob, SplitChunksJob
 
 SMALL = {"min_chunks": 1, "guard_s": 0.0}

@@ -9,7 +9,7 @@ from test_inspect import FILES
 from expertaug.config import load as config
 from expertaug.config import recording_settings
 from expertaug.errors import InputError
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.corrections import Correction, read_corrections
 from expertaug_recordings.settings import MeasureAnglesJob
 

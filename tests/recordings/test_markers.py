@@ -10,7 +10,7 @@ import pytest
 
 from expertaug.errors import InputError
 from expertaug_recordings.markers.geometry import estimate_geometry
-from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.rendering.render import markers, poses
 from expertaug_recordings.rendering.scene import Scene

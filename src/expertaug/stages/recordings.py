@@ -98,9 +98,9 @@ class TrackMarkers(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: jobs.TrackMarkersJob) -> None:
-        from expertaug_recordings.markers.track import track_markers
+        from expertaug_recordings.markers.track import run_stage
 
-        _take(a, lambda: track_markers(a.frames, a.output, job), a.frames, [a.output])
+        _take(a, lambda: run_stage(a.frames, a.output, job), a.frames, [a.output])
 
 
 class UnpackMarkers(Stage):
@@ -162,9 +162,9 @@ class MeasureAngles(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: jobs.MeasureAnglesJob) -> None:
-        from expertaug_recordings.angles.measure import measure_angles
+        from expertaug_recordings.angles.measure import run_stage
 
-        _take(a, lambda: measure_angles(a.markers, a.output, a.summary, job), a.markers, [a.output, a.summary])
+        _take(a, lambda: run_stage(a.markers, a.output, a.summary, job), a.markers, [a.output, a.summary])
 
 
 class SummariseRecordings(Stage):
@@ -182,10 +182,10 @@ class SummariseRecordings(Stage):
     @staticmethod
     def run(a: argparse.Namespace, job: None) -> None:
         from expertaug_recordings.intake import divide
-        from expertaug_recordings.reports.summary import summarise
+        from expertaug_recordings.reports.summary import run_stage
 
         kept, refused = divide(a.summaries)
-        summarise(kept, a.output, a.markdown, refused)
+        run_stage(kept, a.output, a.markdown, refused)
 
 
 class PlotRecording(Stage):
@@ -202,11 +202,11 @@ class PlotRecording(Stage):
     @staticmethod
     def run(a: argparse.Namespace, job: None) -> None:
         from expertaug_recordings.intake import refusal
-        from expertaug_recordings.reports.page import plot_recording, plot_refused
+        from expertaug_recordings.reports.page import plot_refused, run_stage
 
         reason = refusal(a.summary)
         if reason is None:
-            plot_recording(a.markers, a.angles, a.summary, a.output)
+            run_stage(a.markers, a.angles, a.summary, a.output)
         else:
             plot_refused(a.summary.parent.name, reason, a.output)
 
@@ -380,9 +380,9 @@ class PlotSplits(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: None) -> None:
-        from expertaug_recordings.reports.splits import plot_splits
+        from expertaug_recordings.reports.splits import run_stage
 
-        plot_splits(a.data, a.output)
+        run_stage(a.data, a.output)
 
 
 class Calibrate(Stage):
@@ -401,6 +401,6 @@ class Calibrate(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: jobs.CalibrateJob) -> None:
-        from expertaug_recordings.angles.calibration import calibrate
+        from expertaug_recordings.angles.calibration import run_stage
 
-        calibrate(a.train, a.output, job)
+        run_stage(a.train, a.output, job)

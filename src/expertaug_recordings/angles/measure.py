@@ -179,7 +179,49 @@ class Angles:
         return self.off if self.off is not None and self.off.beyond else None
 
 
-def measure_angles(markers: str | Path, output: str | Path, summary: str | Path, job: MeasureAnglesJob) -> None:
+@dataclass(frozen=True)
+class Measurement:
+    """What was measured of a recording.
+
+    Attributes:
+        angles: a row a frame: frame, t, theta1, theta2 (rad, unwrapped within a stretch, 0 at rest), omega1, omega2
+            (rad/s), energy (s⁻²), quality (1 measured, .5 interpolated or at a stretch's end, 0 unusable), reason;
+            theta1_raw, theta2_raw (rad) as the markers alone have them; theta1_unsmoothed, theta2_unsmoothed (rad)
+            corrected for markers off their hinges; theta1_std ... omega2_std, the standard uncertainties, the angles'
+            with that of the direction of gravity; arm1_px, arm2_px, the corrected lengths; pivot_std, joint_std,
+            tip_std (px), the uncertainties of the markers' coordinates; source, the row of the markers' table that is
+            nearest in time.
+        summary: of all frames.
+    """
+
+    angles: pd.DataFrame
+    summary: RecordingSummary
+
+
+def run_stage(markers: str | Path, output: str | Path, summary: str | Path, job: MeasureAnglesJob) -> None:
+    """Stage: measure a recording's angles.
+
+    Arguments:
+        markers: CSV of frame, t (s), pivot_x ... tip_y (px), quality, reason; every analysed frame in order of time.
+        output: CSV of :attr:`Measurement.angles`, in the folder that the recording is called by.
+        summary: JSON of :class:`expertaug_recordings.angles.summary.RecordingSummary`.
+        job: its settings.
+
+    Raises:
+        InputError: a missing column, times that do not grow, or as of :func:`measure_angles`.
+    """
+    seen = read_markers(Path(markers), job.rate_hz, job.corrections, job.single)
+    measurement = measure_angles(seen, job, Path(output).parent.name, Path(markers))
+    with atomic(output) as temporary:
+        measurement.angles.to_csv(temporary, index=False, float_format="%.9g")
+    for text in measurement.summary.warnings:
+        logger.warning("%s: %s", measurement.summary.recording, text)
+    measurement.summary.save(summary)
+
+
+def measure_angles(
+    markers: MarkerTable, job: MeasureAnglesJob, recording: str = "recording", path: Path = Path("markers")
+) -> Measurement:
     """Measure a recording's angles.
 
     The pivot, the arm lengths and the offsets of markers from their hinges are calibrated on the recording itself, and
@@ -187,32 +229,20 @@ def measure_angles(markers: str | Path, output: str | Path, summary: str | Path,
     stretch, of so many frames as help (:mod:`.smoothing`).
 
     Arguments:
-        markers: CSV of frame, t (s), pivot_x ... tip_y (px), quality, reason; every analysed frame in order of time.
-        output: CSV of frame, t, theta1, theta2 (rad, unwrapped within a stretch, 0 at rest), omega1, omega2 (rad/s),
-            energy (s⁻²), quality (1 measured, .5 interpolated or at a stretch's end, 0 unusable), reason; theta1_raw,
-            theta2_raw (rad) as the markers alone have them; theta1_unsmoothed, theta2_unsmoothed (rad) corrected for
-            markers off their hinges; theta1_std ... omega2_std, the standard uncertainties, the angles' with that of
-            the direction of gravity; arm1_px, arm2_px, the corrected lengths; pivot_std, joint_std, tip_std (px), the
-            uncertainties of the markers' coordinates; source, the row of ``markers`` that
-            is nearest in time.
-        summary: JSON of :class:`expertaug_recordings.angles.summary.RecordingSummary`.
-        job: its settings.
+        markers: of every analysed frame.
+        job: its settings; the pictures of a checkerboard that it names are read.
+        recording: its name.
+        path: what messages call the markers.
 
     Raises:
-        InputError: a missing column, times that do not grow, too few usable frames, or motion that is no pendulum's.
+        InputError: too few usable frames, or motion that is no pendulum's.
     """
-    path = Path(markers)
     if job.single:
         job = job.model_copy(update={"model_offsets": False})
-    seen = read_markers(path, job.rate_hz, job.corrections, job.single)
-    at_once, rolling = (seen, None) if job.single else undo_rolling(seen, trust_tracker(seen)[0])
+    at_once, rolling = (markers, None) if job.single else undo_rolling(markers, trust_tracker(markers)[0])
     markers_in_plane, rectified = rectify(path, at_once, job)
     angles = _measure(path, markers_in_plane, job)
-    recording_summary = _summarise(Path(output).parent.name, angles, job, rectified, rolling)
-    _write(output, angles, job)
-    for text in recording_summary.warnings:
-        logger.warning("%s: %s", recording_summary.recording, text)
-    recording_summary.save(summary)
+    return Measurement(_table(angles, job), _summarise(recording, angles, job, rectified, rolling))
 
 
 def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
@@ -315,7 +345,7 @@ def _require(path: Path, usable: np.ndarray, reason: np.ndarray, markers: Marker
         raise InputError(path, problem, remedy)
 
 
-def _write(output: str | Path, angles: Angles, job: MeasureAnglesJob) -> None:
+def _table(angles: Angles, job: MeasureAnglesJob) -> pd.DataFrame:
     columns = {"frame": angles.markers.frame, "t": angles.markers.t}
     columns |= {name: angles.motion.y[:, k] for k, name in enumerate(STATE)}
     columns |= {"energy": angles.energy, "quality": angles.quality, "reason": angles.reason}
@@ -327,9 +357,7 @@ def _write(output: str | Path, angles: Angles, job: MeasureAnglesJob) -> None:
     columns |= {f"{name}_std": std for name, std in zip(("pivot", "joint", "tip"), angles.marker_std, strict=True)}
     if job.single:
         columns |= {name: np.full(len(angles.quality), np.nan) for name in columns if name.startswith(SECOND)}
-    table = pd.DataFrame({**columns, "source": angles.markers.source})
-    with atomic(output) as temporary:
-        table.to_csv(temporary, index=False, float_format="%.9g")
+    return pd.DataFrame({**columns, "source": angles.markers.source})
 
 
 def _summarise(

@@ -66,8 +66,8 @@ def _corners(mask: Polygon) -> np.ndarray:
 DIAMETER_FRAMES = 12  # on which an unknown diameter is measured
 
 
-def track_markers(store: str | Path, output: str | Path, job: TrackMarkersJob) -> Track:
-    """Track the markers of a frame store and write ``markers.csv``.
+def run_stage(store: str | Path, output: str | Path, job: TrackMarkersJob) -> Track:
+    """Stage: track the markers of a frame store and write ``markers.csv``.
 
     Arguments:
         store: frame store of one recording, evenly timed.
@@ -81,16 +81,31 @@ def track_markers(store: str | Path, output: str | Path, job: TrackMarkersJob) -
     Raises:
         InputError: a setting is wrong, or the video shows no markers or is unusable in too many frames.
     """
-    cv2.setNumThreads(1)
-    frames = MaskedFrames(FrameStore(store), job.masks)
-    job, geometry = _calibrate(store, frames, job)
-    track = track_frames(frames, geometry, job)
-    _refuse_lost(store, track, job)
+    frames = FrameStore(store)
+    track = track_markers(frames, job)
     _write(output, np.asarray(frames.t), track)
     return track
 
 
-def _calibrate(store: str | Path, frames: MaskedFrames, settings: TrackMarkersJob) -> tuple[TrackMarkersJob, Geometry]:
+def track_markers(store: FrameStore, job: TrackMarkersJob) -> Track:
+    """Track the markers of the frames of a recording.
+
+    Arguments:
+        store: evenly timed frames, which are read one after the other.
+        job: how the markers look, and tolerances.
+
+    Raises:
+        InputError: a setting is wrong, or the video shows no markers or is unusable in too many frames.
+    """
+    cv2.setNumThreads(1)
+    frames = MaskedFrames(store, job.masks)
+    job, geometry = _calibrate(store.path, frames, job)
+    track = track_frames(frames, geometry, job)
+    _refuse_lost(store.path, track, job)
+    return track
+
+
+def _calibrate(store: Path, frames: MaskedFrames, settings: TrackMarkersJob) -> tuple[TrackMarkersJob, Geometry]:
     """Settings with a diameter, and lengths from frames spread over the store; arm lengths that the settings give are
     taken from there."""
     if settings.marker_diameter_px is None:
@@ -121,7 +136,7 @@ def _spread(count: int, wanted: float) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, int(wanted)).round().astype(int))
 
 
-def _no_markers(store: str | Path, found: str, settings: TrackMarkersJob) -> InputError:
+def _no_markers(store: Path, found: str, settings: TrackMarkersJob) -> InputError:
     appearance = settings.appearance
     size = "" if settings.marker_diameter_px is None else f" of {settings.marker_diameter_px:g} px (marker_diameter_px)"
     colours = " and ".join(filter(None, (", ".join(appearance.seen[:-1]), appearance.seen[-1])))
@@ -132,7 +147,7 @@ def _no_markers(store: str | Path, found: str, settings: TrackMarkersJob) -> Inp
     return InputError(store, f"no markers: {found}", remedy)
 
 
-def _refuse_lost(store: str | Path, track: Track, settings: TrackMarkersJob) -> None:
+def _refuse_lost(store: Path, track: Track, settings: TrackMarkersJob) -> None:
     unusable = track.quality == UNUSABLE
     if unusable.mean() <= settings.max_lost_share:
         return

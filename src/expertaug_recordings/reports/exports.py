@@ -31,7 +31,7 @@ def export_recording(markers: str | Path, angles: str | Path, folder: str | Path
     px from the top-left pixel and the quality as likelihood.
 
     Arguments:
-        markers, angles: what :func:`expertaug_recordings.angles.measure.measure_angles` read and wrote.
+        markers, angles: what the stage measure-angles read and wrote.
         folder: gets the three files.
 
     Raises:

@@ -119,7 +119,7 @@ def overlay(
 
     Arguments:
         video: the recording's video.
-        markers, angles, summary: what :func:`expertaug_recordings.angles.measure.measure_angles` read and wrote.
+        markers, angles, summary: what the stage measure-angles read and wrote.
         output: .mp4.
         job: what is shown.
         forecasts: forecasts.npz by the label to print.

@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from expertaug import plotting
@@ -29,8 +30,26 @@ STATES = ((MEASURED, "measured", "#009E73"), (INTERPOLATED, "not used", "#E69F00
 WIDTH, LINE = 112, 0.165  # of text: characters in a line, and its height in inches
 
 
-def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path, output: str | Path) -> None:
-    """Draw a recording's page.
+def run_stage(markers: str | Path, angles: str | Path, summary: str | Path, output: str | Path) -> None:
+    """Stage: draw a recording's page.
+
+    Arguments:
+        markers, angles, summary: what the stage measure-angles read and wrote.
+        output: .png or .pdf.
+
+    Raises:
+        InputError: a file is missing, lacks a column or a value, or does not fit the others.
+    """
+    points, table = read_table(markers, PLACES), read_table(angles, COLUMNS)
+    recording_summary = RecordingSummary.load(summary)
+    source = table["source"].to_numpy(int)
+    if len(table) != recording_summary.frames or not ((source >= 0) & (source < len(points))).all():
+        raise InputError(markers, f"{len(points)} frames, {angles} has {len(table)}", "run measure_angles again")
+    plotting.save_all({Path(output): plot_recording(points, table, recording_summary)})
+
+
+def plot_recording(points: pd.DataFrame, table: pd.DataFrame, summary: RecordingSummary) -> Figure:
+    """A recording's page.
 
     Panels over time: each arm's corrected length against its median (in grey the distance of its markers) with the
     band that its two markers' standard uncertainties make, both angles, by how much they are smoothed with the band of
@@ -38,19 +57,12 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
     frames have which reason.  Frames that are not used have lighter dots.
 
     Arguments:
-        markers, angles, summary: what :func:`expertaug_recordings.angles.measure.measure_angles` read and wrote.
-        output: .png or .pdf.
-
-    Raises:
-        InputError: a file is missing or lacks a column or a value.
+        points: places of the markers, :data:`~expertaug_recordings.tables.PLACES`, of each analysed frame.
+        table: of the angles, :data:`COLUMNS`; ``source`` are rows of ``points``.
     """
-    points, table = read_table(markers, PLACES), read_table(angles, COLUMNS)
-    recording_summary = RecordingSummary.load(summary)
     source = table["source"].to_numpy(int)
-    if len(table) != recording_summary.frames or not ((source >= 0) & (source < len(points))).all():
-        raise InputError(markers, f"{len(points)} frames, {angles} has {len(table)}", "run measure_angles again")
-    heading, reasons = _heading(recording_summary), recording_summary.reasons
-    warned = "\n".join(textwrap.fill(f"Warning: {text}.", WIDTH - 14) for text in recording_summary.warnings)
+    heading, reasons = _heading(summary), summary.reasons
+    warned = "\n".join(textwrap.fill(f"Warning: {text}.", WIDTH - 14) for text in summary.warnings)
     lines, warned_lines = heading.count("\n") + 1, warned.count("\n") + 1 if warned else 0
     above = 0.35 + LINE * (lines + 1.3 * warned_lines)  # inches
     heights = [0.75, 0.75, 1.5, 0.75, 0.75, 0.75, 1.2, 0.2, 0.1 + 0.2 * max(1, len(reasons))]
@@ -63,13 +75,13 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
         def write(inches: float, text: str, **look: object) -> None:
             figure.text(0.02, 1 - inches / height, text, ha="left", va="top", linespacing=1.4, **look)
 
-        write(0.08, f"Recording {recording_summary.recording}", fontsize=11, fontweight="bold")
+        write(0.08, f"Recording {summary.recording}", fontsize=11, fontweight="bold")
         write(0.35, heading)
         write(0.35 + LINE * (lines + 0.2), warned, color=WRONG, fontweight="bold")
         t, quality = table["t"].to_numpy(float), table["quality"].to_numpy(float)
         _lengths(over_time[:2], t, points.to_numpy(float)[source], table, quality)
         _angles(over_time[2], t, table, quality)
-        _smoothed(over_time[3:5], t, table, quality, recording_summary.rotation_error_deg)
+        _smoothed(over_time[3:5], t, table, quality, summary.rotation_error_deg)
         _speeds(over_time[5], t, table)
         _energy(over_time[6], t, table["energy"].to_numpy(float), quality)
         _used(band, t, quality)
@@ -79,7 +91,7 @@ def plot_recording(markers: str | Path, angles: str | Path, summary: str | Path,
             axis.tick_params(labelbottom=False)
         band.set_xlim(t[0], t[-1])
         band.set_xlabel("time [s]")
-        plotting.save(figure, output)
+    return figure
 
 
 def plot_refused(name: str, reason: str, output: str | Path) -> None:

@@ -61,7 +61,7 @@ def review_recording(
 
     Arguments:
         video: the recording's.
-        markers, angles, summary: what :func:`expertaug_recordings.angles.measure.measure_angles` read and wrote.
+        markers, angles, summary: what the stage measure-angles read and wrote.
         sheet: .jpg or .png.
         rows: CSV of these frames in the layout of corrections (:mod:`expertaug_recordings.corrections`), with reasons:
             to be mended and kept as a file of corrections.

@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from expertaug import plotting
 from expertaug.errors import InputError
@@ -21,8 +22,8 @@ PANELS = (r"$\theta_1$ [rad]", r"$\theta_2$ [rad]", r"$\dot\theta_1$ [rad/s]", r
 SINGLE = (r"$\theta$ [rad]", r"$\dot\theta$ [rad/s]")  # of a single pendulum
 
 
-def plot_splits(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path) -> None:
-    """Draw how the initial angles, speeds and energies of train, validation and test chunks are distributed.
+def run_stage(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path) -> None:
+    """Stage: draw how the initial angles, speeds and energies of train, validation and test chunks are distributed.
 
     Arguments:
         data_dir: what :func:`expertaug_recordings.chunks.split_chunks` wrote.
@@ -34,6 +35,17 @@ def plot_splits(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path
     data_dir = Path(data_dir)
     first = {name: _initial_states(data_dir / f"{name}.npz") for name in SPLITS}
     energies = _energies(data_dir / "chunks.csv", {name: len(y) for name, y in first.items()})
+    with plotting.styled():
+        plotting.save(plot_splits(first, energies), outputs)
+
+
+def plot_splits(first: Mapping[str, np.ndarray], energies: Mapping[str, np.ndarray]) -> Figure:
+    """How the initial angles, speeds and energies of train, validation and test chunks are distributed.
+
+    Arguments:
+        first: first states (N, 4) of each set's chunks, of a single pendulum (N, 2).
+        energies: their mean energies in s⁻², (N,).
+    """
     with plotting.styled():
         figure = plotting.new_figure(3.9)
         axes = figure.subplots(2, 3)
@@ -56,7 +68,7 @@ def plot_splits(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path
         axes[1, 2].legend(handles, [f"{n} ({len(first[n]):,} chunks)" for n in SPLITS], loc="center")
         for axis in (axes[0, 0], axes[1, 0]):
             axis.set_ylabel("density")
-        plotting.save(figure, outputs)
+    return figure
 
 
 def _initial_states(path: Path) -> np.ndarray:
@@ -85,7 +97,7 @@ def _energies(path: Path, counts: Mapping[str, int]) -> dict[str, np.ndarray]:
     return energies
 
 
-def _histogram(axis: mpl.axes.Axes, values: dict[str, np.ndarray], limits: tuple[float, float], label: str) -> None:
+def _histogram(axis: mpl.axes.Axes, values: Mapping[str, np.ndarray], limits: tuple[float, float], label: str) -> None:
     edges = np.linspace(*limits, 41)
     for name, v in values.items():
         density, _ = np.histogram(v, edges, density=True)

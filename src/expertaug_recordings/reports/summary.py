@@ -16,10 +16,10 @@ from expertaug_recordings.settings import RENDERED
 CONSTANTS = ("B1", "G1", "B2", "G2")
 
 
-def summarise(
+def run_stage(
     summaries: Sequence[str | Path], csv: str | Path, markdown: str | Path, refused: Mapping[str, str] | None = None
 ) -> None:
-    """Write the table of recordings as CSV (every value) and Markdown (rounded), in natural order.
+    """Stage: write the table of recordings as CSV (every value) and Markdown (rounded), in natural order.
 
     Arguments:
         summaries: the ``angles.json`` of each recording.
@@ -29,15 +29,31 @@ def summarise(
     Raises:
         InputError: no summaries, or one that lacks a value.
     """
-    if not summaries:
-        raise InputError(csv, "no recordings to summarise", "run measure_angles")
-    measured = sorted(map(RecordingSummary.load, summaries), key=lambda recording: natural_key(recording.recording))
-    left_out = refused or {}
+    table, text = summarise(list(map(RecordingSummary.load, summaries)), refused, csv)
     with atomic(csv) as temporary:
-        cells = {recording.recording: _cells(recording) for recording in measured}
-        cells |= {name: {"recording": name, "refused": reason} for name, reason in left_out.items()}
-        table = [cells[name] for name in sorted(cells, key=natural_key)]
-        pd.DataFrame(table).to_csv(temporary, index=False, float_format="%.8g")
+        table.to_csv(temporary, index=False, float_format="%.8g")
+    write_text(markdown, text)
+
+
+def summarise(
+    recordings: Sequence[RecordingSummary], refused: Mapping[str, str] | None = None, where: object = "recordings"
+) -> tuple[pd.DataFrame, str]:
+    """The table of recordings with every value, and as Markdown (rounded), in natural order.
+
+    Arguments:
+        refused: recordings that were left out, and why.
+        where: what a message calls the table.
+
+    Raises:
+        InputError: there are no recordings.
+    """
+    if not recordings:
+        raise InputError(where, "no recordings to summarise", "run measure_angles")
+    measured = sorted(recordings, key=lambda recording: natural_key(recording.recording))
+    left_out = refused or {}
+    cells = {recording.recording: _cells(recording) for recording in measured}
+    cells |= {name: {"recording": name, "refused": reason} for name, reason in left_out.items()}
+    table = pd.DataFrame([cells[name] for name in sorted(cells, key=natural_key)])
     rows = [_printed(recording) for recording in measured]
     lines = [_line(rows[0]), "|" + "---|" * len(rows[0]), *(_line(row.values()) for row in rows)]
     if left_out:
@@ -49,7 +65,7 @@ def summarise(
     lines += ["", "Warnings:", "", *warned] if warned else []
     sources = sorted({recording.rate_provenance for recording in measured})
     lines += ["", f"Frame rate: {'; '.join(sources)}. The implied rate is the one at which G2/B2 = g/l1 holds.", ""]
-    write_text(markdown, "\n".join(lines))
+    return table, "\n".join(lines)
 
 
 def _line(cells: Iterable[str]) -> str:

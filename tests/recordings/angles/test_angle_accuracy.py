@@ -8,8 +8,8 @@ import pytest
 from pendulum_motion import markers, truth
 from scipy.integrate import solve_ivp
 
-from expertaug_recordings.angles.measure import measure_angles
-from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.angles.measure import run_stage as measure_angles
+from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.rendering.render import render_recording
 from expertaug_recordings.settings import ExtractFramesJob, MeasureAnglesJob, RenderVideoJob, TrackMarkersJob
 from expertaug_recordings.video.frame_store import extract_frames

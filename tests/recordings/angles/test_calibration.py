@@ -8,9 +8,10 @@ from pendulum_motion import CONSTANTS, FRICTION, markers, real_recordings, truth
 from expertaug.errors import InputError
 from expertaug.systems.double_pendulum import Constants, energy, point_masses
 from expertaug.trajectories import Trajectories
-from expertaug_recordings.angles.calibration import calibrate, forecast_log_mse
+from expertaug_recordings.angles.calibration import forecast_log_mse
+from expertaug_recordings.angles.calibration import run_stage as calibrate
 from expertaug_recordings.angles.forecast import forecast
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.angles.pendulum_fit import fit_constants, implied_rate
 from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.ibm import import_markers, list_marker_files

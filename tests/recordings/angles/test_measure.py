@@ -7,10 +7,10 @@ from pendulum_motion import CONSTANTS, markers, real_recordings, truth
 
 from expertaug.errors import InputError
 from expertaug.systems.double_pendulum import GRAVITY
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.ibm import import_markers, list_marker_files
 from expertaug_recordings.rendering.motion import simulate
-from expertaug_recordings.reports.summary import summarise
+from expertaug_recordings.reports.summary import run_stage as summarise
 from expertaug_recordings.settings import ImportMarkersJob, MeasureAnglesJob
 from nightly import others_slow
 

@@ -5,10 +5,11 @@ import pandas as pd
 import pytest
 from pendulum_motion import MARKERS, markers, truth
 
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.angles.pendulum_fit import Gravity, direction_error
 from expertaug_recordings.angles.summary import RecordingSummary
-from expertaug_recordings.reports.page import _heading, corrected_off, plot_recording
+from expertaug_recordings.reports.page import _heading, corrected_off
+from expertaug_recordings.reports.page import run_stage as plot_recording
 from expertaug_recordings.settings import MeasureAnglesJob
 
 ANGLES = ["theta1", "theta2"]

@@ -10,7 +10,7 @@ from pendulum_motion import MARKERS, markers, truth
 from scipy.interpolate import LinearNDInterpolator
 
 from expertaug.errors import InputError
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.reports.page import _heading
 from expertaug_recordings.settings import MeasureAnglesJob

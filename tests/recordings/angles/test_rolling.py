@@ -12,11 +12,11 @@ from scipy.interpolate import CubicSpline
 from expertaug.errors import InputError
 from expertaug_recordings.angles import rolling
 from expertaug_recordings.angles.marker_table import read_markers
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.angles.rolling import undo_rolling
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.reports.page import _heading
-from expertaug_recordings.reports.summary import summarise
+from expertaug_recordings.reports.summary import run_stage as summarise
 from expertaug_recordings.settings import MeasureAnglesJob
 
 ANGLES = ["theta1", "theta2"]

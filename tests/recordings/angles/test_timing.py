@@ -10,10 +10,12 @@ from scipy.interpolate import CubicSpline
 
 from expertaug.errors import InputError
 from expertaug_recordings.angles.marker_table import read_markers
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.ibm import import_markers, list_marker_files
-from expertaug_recordings.reports.page import _heading, plot_recording
-from expertaug_recordings.reports.summary import RecordingSummary, summarise
+from expertaug_recordings.reports.page import _heading
+from expertaug_recordings.reports.page import run_stage as plot_recording
+from expertaug_recordings.reports.summary import RecordingSummary
+from expertaug_recordings.reports.summary import run_stage as summarise
 from expertaug_recordings.settings import ImportMarkersJob, MeasureAnglesJob
 
 

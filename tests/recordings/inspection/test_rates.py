@@ -13,11 +13,11 @@ from pendulum_motion import CONSTANTS, FRICTION
 from expertaug.config import load as config
 from expertaug.config import recording_settings
 from expertaug.trajectories import Trajectories
-from expertaug_recordings.angles.calibration import calibrate
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.calibration import run_stage as calibrate
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.inspection.inspect import inspect
-from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.video.frame_store import extract_frames
 

@@ -14,14 +14,14 @@ from expertaug.config import load as config
 from expertaug.config import recording_settings
 from expertaug.errors import InputError
 from expertaug.trajectories import Trajectories
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.angles.pendulum_fit import fit_single
 from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.inspection.inspect import inspect
-from expertaug_recordings.markers.track import track_markers
-from expertaug_recordings.reports.page import plot_recording
-from expertaug_recordings.reports.splits import plot_splits
-from expertaug_recordings.reports.summary import summarise
+from expertaug_recordings.markers.track import run_stage as track_markers
+from expertaug_recordings.reports.page import run_stage as plot_recording
+from expertaug_recordings.reports.splits import run_stage as plot_splits
+from expertaug_recordings.reports.summary import run_stage as summarise
 from expertaug_recordings.video.frame_store import extract_frames
 
 FILES = [Path(__file__).parents[3] / "config" / "config.yaml"]

@@ -11,7 +11,7 @@ from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, compressed, draw, markers_of, 
 
 from expertaug.errors import InputError
 from expertaug_recordings.markers.geometry import centre_of_circle, estimate_geometry, measure_diameter
-from expertaug_recordings.markers.track import track_markers
+from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.settings import ExtractFramesJob, TrackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames, writing

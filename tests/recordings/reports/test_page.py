@@ -10,13 +10,14 @@ from pendulum_motion import CONSTANTS, markers, truth
 from expertaug.config import recording_settings
 from expertaug.config.models import Configuration
 from expertaug.errors import InputError
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.angles.pendulum_fit import find_gravity
 from expertaug_recordings.angles.quality import NO_PIVOT
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.chunks import split_chunks
-from expertaug_recordings.reports.page import _heading, plot_recording, plot_refused
-from expertaug_recordings.reports.summary import summarise
+from expertaug_recordings.reports.page import _heading, plot_refused
+from expertaug_recordings.reports.page import run_stage as plot_recording
+from expertaug_recordings.reports.summary import run_stage as summarise
 from expertaug_recordings.settings import MeasureAnglesJob, RecordingKeys, SplitChunksJob
 from nightly import others_slow
 

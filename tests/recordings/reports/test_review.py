@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, write_video
 
-from expertaug_recordings.angles.measure import measure_angles
+from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.corrections import read_corrections
 from expertaug_recordings.reports.exports import export_recording
 from expertaug_recordings.reports.review import WORST, review, review_recording, worst_frames

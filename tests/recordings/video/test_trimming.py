@@ -8,7 +8,8 @@ from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, wr
 from test_reader import drawn, remux
 
 from expertaug.errors import InputError
-from expertaug_recordings.markers.track import MaskedFrames, track_markers
+from expertaug_recordings.markers.track import MaskedFrames
+from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.settings import ExtractFramesJob, StatedTimes, TrackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames
 from expertaug_recordings.video.source import open_frames
