@@ -15,6 +15,7 @@ __version__ = "1.0.0"  # pyproject.toml takes it from here
 
 # Name → where it is: a module, or module:name.
 _EXPORTS = {
+    "AdvectionDiffusion": "expertaug.systems.advection_diffusion:AdvectionDiffusion",
     "Aphynity": "expertaug.learning.objectives:Aphynity",
     "AugmentedSets": "expertaug.api.training:AugmentedSets",
     "BouncingBall": "expertaug.systems.bouncing_ball:BouncingBall",
@@ -23,6 +24,7 @@ _EXPORTS = {
     "ConvTwoStep": "expertaug.models.encoders.two_step:ConvTwoStep",
     "Comparison": "expertaug.api.compare:Comparison",
     "DampedPendulum": "expertaug.systems.pendulum:DampedPendulum",
+    "DampedWave": "expertaug.systems.wave:DampedWave",
     "DampingInteraction": "expertaug.models.interactions.damping:DampingInteraction",
     "DiagonalFlow": "expertaug.systems.solvers.linear_propagator:DiagonalFlow",
     "DoublePendulum": "expertaug.systems.double_pendulum:DoublePendulum",

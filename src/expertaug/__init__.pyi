@@ -44,6 +44,7 @@ from expertaug.models.interactions.equation import EquationInteraction as Equati
 from expertaug.models.interactions.mlp import MLPInteraction as MLPInteraction
 from expertaug.models.interactions.polynomial import PolynomialInteraction as PolynomialInteraction
 from expertaug.models.terms import Term as Term
+from expertaug.systems.advection_diffusion import AdvectionDiffusion as AdvectionDiffusion
 from expertaug.systems.base import Parameter as Parameter
 from expertaug.systems.base import System as System
 from expertaug.systems.bouncing_ball import BouncingBall as BouncingBall
@@ -57,10 +58,12 @@ from expertaug.systems.rlc import RLC as RLC
 from expertaug.systems.simulate import trajectories as simulate
 from expertaug.systems.solvers.linear_propagator import DiagonalFlow as DiagonalFlow
 from expertaug.systems.solvers.solver import Solver as Solver
+from expertaug.systems.wave import DampedWave as DampedWave
 from expertaug.trajectories import Trajectories as Trajectories
 
 __all__ = [
     "RLC",
+    "AdvectionDiffusion",
     "Aphynity",
     "AugmentedSets",
     "Band",
@@ -70,6 +73,7 @@ __all__ = [
     "ConvInteraction",
     "ConvTwoStep",
     "DampedPendulum",
+    "DampedWave",
     "DampingInteraction",
     "DiagonalFlow",
     "DoublePendulum",

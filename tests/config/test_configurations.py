@@ -18,7 +18,10 @@ def settings(name: str) -> dict:
     return config.validate(config.load([FOLDER / "config.yaml", FOLDER / name]))
 
 
-@pytest.mark.parametrize("experiment", ["vgb_pendulum", "vgb_lorenz", "phys_vae_pendulum", "lotka_volterra"])
+@pytest.mark.parametrize(
+    "experiment",
+    ["vgb_pendulum", "vgb_lorenz", "phys_vae_pendulum", "lotka_volterra", "aphynity_wave", "phys_vae_advection"],
+)
 def test_peers_tasks_that_no_run_names_are_valid_too(experiment: str) -> None:
     loaded = config.load([FOLDER / "config.yaml", FOLDER / "peers.yaml"])
     asked = config.validate(config.merge(loaded, {"run": [experiment]}))

@@ -743,3 +743,27 @@ def test_what_windows_share_is_told_only_to_what_shares_it(base):
     told = {key for key, one in jobs_of["with"].items() if '"omega0": "shared"' in one}
     stages = {"share": "least_squares_shared", "alternate": "alternating_shared"}
     assert told == {(stage, "pendulum", method, "seeds_0_1_2") for stage, method in stages.items()}
+
+
+def test_null_that_takes_nothing_away_is_told(base):
+    """A misspelt name would leave what it was to take away, in silence."""
+    nulls = {"augmentations": {"narow": None}, "data": {"sets": {"idd": None}}}
+    with pytest.raises(InputErrors) as refused:
+        config.validate(config.merge(base, {"experiments": {"pendulum": nulls}}))
+    told = "\n".join(str(error) for error in refused.value.errors)
+    for name, meant in (("augmentations.narow", "narrow"), ("data.sets.idd", "iid")):
+        assert re.search(
+            rf"pendulum\.{name}: null, where there is nothing of that name; did you mean '{meant}'\?", told
+        )
+    inherited = {"based_on": "pendulum", "augmentations": {"narrow": None}}
+    more = config.merge(base, {"experiments": {"other": inherited}})
+    assert "narrow" not in config.validate(more).experiments["other"].augmentations
+
+
+@pytest.mark.parametrize("twice", [False, True])
+def test_null_in_two_layers_takes_away_once(base, twice):
+    removed = {"augmentations": {"narrow": None}}
+    layers = config.merge(base, {"experiments": {"pendulum": removed}})
+    if twice:
+        layers = config.merge(layers, {"experiments": {"pendulum": removed}})
+    assert "narrow" not in config.validate(layers).experiments["pendulum"].augmentations

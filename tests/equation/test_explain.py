@@ -275,6 +275,7 @@ def test_kinematic_rates_are_left_alone_unless_asked_for():
     assert rates_of(ea.DampedPendulum(), False) == ["omega"]
     assert rates_of(ea.DampedPendulum(), True) == ["theta", "omega"]
     assert rates_of(ea.RLC(), False) == ["U", "I"]
+    assert rates_of(ea.DampedWave(cells=8), False) == ["w_t"]
     assert rates_of(ea.DrivenPendulum(), False) == ["omega"]
 
 

@@ -55,6 +55,11 @@ def test_other_samples_and_spaces(tmp_path):
     figure = traces.forecasts(loaded(paths), view=View(samples=[1]))
     lines = [axis.lines[0] for axis in figure.axes if axis.lines]
     np.testing.assert_array_equal(lines[3].get_ydata(), truth[1, 10, 0])
+    low, high = lines[3].axes.get_ylim()
+    room = 0.1 * np.ptp(truth[1, :, 0])
+    assert (low, high) == pytest.approx((truth[1, :, 0].min() - room, truth[1, :, 0].max() + room))
+    assert len(lines[0].axes.get_yticks()) > 1 and not len(lines[3].axes.get_yticks())
+    assert next(axis.get_ylabel() for axis in drawn[0].axes if axis.get_ylabel()) == "truth\n$u$ [1]"
     with pytest.raises(InputError, match="no seed 9"):
         traces.forecasts(loaded(paths), view=View(seed=9))
 

@@ -1,5 +1,6 @@
 """What is wrong with an encoder, an interaction model or an objective is one line, before a training."""
 
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -49,6 +50,35 @@ def test_fields_and_the_hybrid_vae_pass():
     check(two_step, {"kind": "mlp", "layers": [4]}, HybridVAE, prior={"L": [1.0, 5.0], "C": [0.5, 2.5]})
     fisher = systems.load({"name": "field_systems:Fisher"})
     check_parts(HybridModel(fisher, {"kind": "moments", "layers": [8]}, {"kind": "polynomial"}), TASK)
+
+
+WAVE, LINE = {"name": "wave", "cells": 16}, {"name": "advection_diffusion"}
+CONV = {"kind": "conv", "channels": [4, 4], "strides": [1, 2], "layers": [6], "latent": 2}
+CONV_TWO_STEP = {"kind": "conv_two_step", "channels": [4], "strides": [2], "layers": [6], "filter_channels": [4, 4]}
+MLP_TWO_STEP = {"kind": "two_step", "latent_layers": [4], "filter_layers": [4], "expert_layers": [4]}
+RECURRENT = {"kind": "recurrent", "hidden": 4, "layers": [4]}
+
+
+@pytest.mark.parametrize(
+    ("system", "encoder", "interaction"),
+    [
+        (WAVE, CONV, {"kind": "conv", "channels": [4], "kernels": [3, 1]}),
+        (WAVE, {"kind": "moments", "layers": [6]}, {"kind": "polynomial", "components": ["w_t"], "reads": ["w_t"]}),
+        (WAVE, CONV_TWO_STEP, {"kind": "damping", "components": ["w_t"]}),
+        (LINE, CONV, {"kind": "conv", "channels": [4], "kernels": [3, 1]}),
+        (LINE, {"kind": "moments", "layers": [6]}, {"kind": "polynomial"}),
+        (LINE, CONV_TWO_STEP, {"kind": "damping"}),
+        (LINE, RECURRENT, {"kind": "mlp", "layers": [4]}),
+        (LINE, MLP_TWO_STEP, {"kind": "mlp", "layers": [4], "reads": ["u"]}),
+    ],
+)
+def test_fields_that_do_not_wrap_around_pass_every_kind(system, encoder, interaction):
+    task = replace(TASK, t=TASK.t * 0.01)
+    recipe = HybridModel(systems.load(system), encoder, interaction)
+    hybrid_vae = encoder in (CONV_TWO_STEP, MLP_TWO_STEP)
+    options = {"prior": {p.name: [0.5 * p.scale, 2 * p.scale] for p in recipe.system.expert_parameters}}
+    objective, options = (HybridVAE, options) if hybrid_vae else (Aphynity, {})
+    check_parts(recipe, task, lambda seeds: objective(seeds, CHOICES, **options))
 
 
 class FromSeed(parts.LinearInteraction):

@@ -32,6 +32,8 @@ def merge(base: Raw, over: Raw) -> Located:
             merged[key] = merge(old, value)
         else:
             merged[key] = _copied(value)
+        if value is None and old is not None:
+            merged.removed |= {key}
         merged.origin.pop(key, None)
         if key in origins:
             merged.origin[key] = origins[key]
@@ -84,7 +86,9 @@ def _word(text: str) -> str | bool | None:
 
 def _copied(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return Located({k: _copied(v) for k, v in value.items()}, getattr(value, "origin", {}))
+        copy = Located({k: _copied(v) for k, v in value.items()}, getattr(value, "origin", {}))
+        copy.removed = getattr(value, "removed", copy.removed)
+        return copy
     return [_copied(v) for v in value] if isinstance(value, list | tuple) else value
 
 
@@ -92,8 +96,10 @@ def marked(value: Any, by: str) -> Any:
     """The same with ``by`` added to where each value was said."""
     if not isinstance(value, Mapping):
         return value
-    origin = {k: f"{where}, {by}" for k, where in getattr(value, "origin", {}).items()}
-    return Located({k: marked(v, by) for k, v in value.items()}, origin)
+    copy = _copied(value)
+    copy.origin = {k: f"{where}, {by}" for k, where in copy.origin.items()}
+    copy.update({k: marked(v, by) for k, v in value.items()})
+    return copy
 
 
 def origin_of(value: Any, path: list[str]) -> str | None:
@@ -132,7 +138,8 @@ def layers(
     made: dict[str, Located | None] = dict.fromkeys(broken)
     for name in experiments:
         _inherit(name, experiments, made, errors)
-    return {name: _under(preset, experiment) for name, experiment in made.items() if experiment is not None}, errors
+    experiments = {name: block for name, block in made.items() if block is not None}
+    return {name: _under(preset, block, f"experiments.{name}", errors) for name, block in experiments.items()}, errors
 
 
 def _inherit(
@@ -168,9 +175,9 @@ def _inherit(
             made[here] = None if below is None else merge(marked(below, f"{here} is based on {base}"), own)
 
 
-def _under(preset: str, experiment: Located) -> Located:
+def _under(preset: str, experiment: Located, where: str, errors: list[InputError]) -> Located:
     """An experiment with what it overrides under a preset, and without the studies, priors and sets that it takes away
-    and what it inherits of data from another source.
+    and what it inherits of data from another source; what takes nothing away is among the errors.
 
     The preset's ``choices`` are defaults: the experiment's own win over them.
     """
@@ -187,8 +194,13 @@ def _under(preset: str, experiment: Located) -> Located:
         for key in (key for keys in others for key in keys if data.get("source") in OF_SOURCE):
             data.pop(key, None)
         sets = data.get("sets")
-    for block in (merged.get("studies"), merged.get("augmentations"), sets):
+    blocks = {"studies": merged.get("studies"), "augmentations": merged.get("augmentations"), "data.sets": sets}
+    for key, block in blocks.items():
         if isinstance(block, Located):
             for name in [name for name, value in block.items() if value is None]:
                 del block[name]
+                if name not in block.removed:
+                    remedy = f"{suggest(name, block)}; null takes away what is inherited"
+                    problem = "null, where there is nothing of that name"
+                    errors.append(InputError(f"{where}.{key}.{name}", problem, remedy))
     return merged

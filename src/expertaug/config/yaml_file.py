@@ -21,11 +21,13 @@ class Located(dict):
 
     Attributes:
         origin: a text by key, ``file:line``.
+        removed: keys whose null stands in the place of something else.
     """
 
     def __init__(self, values: Mapping | None = None, origin: Mapping[str, str] | None = None) -> None:
         super().__init__(values or {})
         self.origin: dict[str, str] = dict(origin or {})
+        self.removed: frozenset[str] = frozenset()
 
 
 # Written as the mapping that it is.

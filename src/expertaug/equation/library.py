@@ -26,7 +26,7 @@ def rates_of(system: System, kinematics: bool) -> list[str]:
         kinematics: whether rates that are another component by the expert's definition, as θ' of a pendulum, count.
     """
     names = [p.name for p in system.state]
-    if kinematics or len(system.state_shape) > 1:
+    if kinematics:
         return names
     generator = torch.Generator().manual_seed(0)
     y = torch.randn(PROBES, *system.state_shape, generator=generator, dtype=torch.float64)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from expertaug import plotting
 from expertaug.errors import InputError
@@ -158,10 +159,11 @@ def _draw_fields(found: Mapping[str, Forecasts], reading: FigureReading, view: V
         for axis, k in zip(left[0], times, strict=True):
             axis.set_title(f"t = {first.t[k]:.3g} s\n{'observed' if k <= first.observed else 'forecast'}", fontsize=7)
         rms = [f"\n{_rms(error[first.observed + 1 :]):.2g}" for error in errors]
-        names = ["truth", *(plotting.text(reading.printed(m)) + off for m, off in zip(methods, rms, strict=True))]
+        quantity = plotting.quantity(first.state_names[0], first.state_units[0])
+        truth_name = f"truth\n{quantity}" if truth.ndim == 2 else "truth"  # a colour bar has it of images
+        names = [truth_name, *(plotting.text(reading.printed(m)) + off for m, off in zip(methods, rms, strict=True))]
         for axis, words in zip(left[:, 0], names, strict=True):
             axis.set_ylabel(words, rotation=0, ha="right", va="center", labelpad=6)
-        quantity = plotting.quantity(first.state_names[0], first.state_units[0])
         if image is not None:
             figure.colorbar(image, ax=left, location="bottom", shrink=0.7, aspect=28, label=quantity, extend="both")
         if later:
@@ -216,20 +218,25 @@ def _rms(error: np.ndarray) -> float:
 
 
 def _colour_limits(truth: np.ndarray) -> tuple[float, float]:
-    """Of the colours: the truth's range and some room, with white at zero where zero is inside."""
+    """Of the colours, with white at zero where zero is inside, or of lines (T, cells): the truth's range and some
+    room."""
     low, high = float(truth.min()), float(truth.max())
-    if low < 0 < high:
+    if low < 0 < high and truth.ndim > 2:
         low, high = -max(-low, high), max(-low, high)
     room = OVERSHOOT * ((high - low) or 1.0)
     return low - room, high + room
 
 
 def _draw_all(axes: np.ndarray, rows: Sequence[Sequence[np.ndarray]], limits: tuple[float, float]) -> AxesImage | None:
-    """Draw a field on each of the axes (rows, columns); the last image, None where fields are lines."""
+    """Draw a field on each of the axes (rows, columns); the last image, None where fields are lines, which have numbers
+    beside the first of each row."""
     image = None
     for line, row in zip(axes, rows, strict=True):
         for axis, field in zip(line, row, strict=True):
             image = _draw(axis, field, limits)
+        if image is None:
+            line[0].yaxis.set_major_locator(MaxNLocator(3))
+            line[0].tick_params(labelsize=6)
     return image
 
 

@@ -554,10 +554,8 @@ class Population(Settings):
     @classmethod
     def of_seeds(cls, each: Sequence[Population]) -> Population:
         """Of the same parameter with the F_a of each seed."""
-        parts = {
-            name: Constant.of_seeds([getattr(population, name) for population in each]) for name in ("middle", "spread")
-        }
-        return cls(form=each[0].form, unit=each[0].unit, **parts)
+        middle, spread = (Constant.of_seeds([getattr(own, name) for own in each]) for name in ("middle", "spread"))
+        return cls(form=each[0].form, unit=each[0].unit, middle=middle, spread=spread)
 
     def at(self, places: Sequence[int]) -> Population:
         """Of some of the seeds, by their places."""
@@ -595,8 +593,6 @@ class Refinement(Settings):
         if self.overdispersion and len(self.overdispersion) > 1:
             chosen["overdispersion"] = [self.overdispersion[k] for k in places]
         if self.trajectories:
-            chosen["trajectories"] = {
-                name: {of: constant.at(places) for of, constant in each.items()}
-                for name, each in self.trajectories.items()
-            }
+            tied = self.trajectories.items()
+            chosen["trajectories"] = {name: {of: k.at(places) for of, k in each.items()} for name, each in tied}
         return self.model_copy(update=chosen)

@@ -55,6 +55,7 @@ class System(ABC):
         covariates: known numbers that are constant along a trajectory; the last components of u.
         interpolation: of the inputs between the times of the data: linear, or constant (the last value holds).
         input_parameters: what simulated inputs are drawn from, uniformly in ranges (:meth:`input_signal`).
+        periodic: of fields, what convolutions find beyond an edge: the other end, or zero.
     """
 
     state: tuple[Parameter, ...]
@@ -65,6 +66,7 @@ class System(ABC):
     covariates: tuple[Parameter, ...] = ()
     interpolation: Literal["linear", "constant"] = "linear"
     input_parameters: tuple[Parameter, ...] = ()
+    periodic: bool = True
     _made_with: tuple[tuple, dict] = ((), {})
 
     def __init_subclass__(cls, **options: object) -> None:

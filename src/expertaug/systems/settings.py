@@ -252,6 +252,31 @@ class ReactionDiffusionSettings(SystemSettings):
     )
 
 
+class WaveSettings(SystemSettings):
+    """The damped wave equation."""
+
+    STATE = ("w", "w_t")
+    EXPERT = ("c",)
+    INTERACTION = ("k",)
+    UNITS: ClassVar[dict[str, str]] = {"c": "m/s", "k": "1/s"}
+    FIELDS = True
+
+    name: Literal["wave"] = key("wave", "the damped wave equation on a square of 63 m")
+    cells: int = key(64, "points along a side of the square", ge=4, le=4096)
+
+
+class AdvectionDiffusionSettings(SystemSettings):
+    """Advection and diffusion along a line."""
+
+    STATE = ("u",)
+    EXPERT = ("D",)
+    INTERACTION = ("c",)
+    UNITS: ClassVar[dict[str, str]] = {"D": "m²/s", "c": "m/s"}
+    FIELDS = True
+
+    name: Literal["advection_diffusion"] = key("advection_diffusion", "advection and diffusion on 20 points")
+
+
 class PendulumConstants(Settings):
     """Constants of the rigid double pendulum."""
 

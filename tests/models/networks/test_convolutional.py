@@ -12,7 +12,7 @@ from expertaug.models.encoders.fields import ConvEncoder
 from expertaug.models.estimators import Hybrid
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.convolutional import IN_CACHE, ConvInteraction
-from expertaug.models.networks.convolutional import CONVOLUTIONS, Conv, convolve, wrap
+from expertaug.models.networks.convolutional import CONVOLUTIONS, Conv, convolve, differences, wrap
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
 
@@ -41,6 +41,30 @@ def test_a_padded_convolution_is_torchs_circular_one():
     theirs.load_state_dict(ours.state_dict())
     x = torch.randn(5, 3, 8, 8)
     torch.testing.assert_close(convolve(wrap(x, 1), *ours.seeds()[0], ours.stride), theirs(x))
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3])
+def test_differences_end_where_fields_do(rank):
+    x, kernel = torch.rand(2, *[5] * rank), torch.zeros([3] * rank)
+    for axis in range(rank):
+        for end in (0, 2):
+            kernel[tuple(end if k == axis else 1 for k in range(rank))] = 1
+    kernel[(1,) * rank] = -2 * rank
+    for periodic in (True, False):
+        exact = convolve(wrap(x[:, None], 1, periodic), kernel[None, None], None)[:, 0]
+        torch.testing.assert_close(differences(x, rank, periodic), exact)
+
+
+def test_without_a_ring_a_network_sees_zeros_beyond_the_ends():
+    line = systems.load({"name": "advection_diffusion"})
+    model = ConvInteraction(line, 1, channels=[4], kernels=[3, 1])
+    y, z_a = torch.rand(1, 1, 20), torch.rand(1, 1)
+    other = y.clone()
+    other[..., -1] += 1.0
+    change = (model(other, model.context(z_a, z_a)) - model(y, model.context(z_a, z_a)))[0, 0]
+    assert (change[:18] == 0).all() and (change[18:] != 0).all()
+    inner = model(torch.nn.functional.pad(y, (2, 2))[..., 1:-1], model.context(z_a, z_a))[..., 1:-1]
+    torch.testing.assert_close(model(y, model.context(z_a, z_a)), inner)
 
 
 def test_padding_once_is_padding_before_every_layer():

@@ -1,4 +1,4 @@
-"""Encoders of fields on a periodic grid: a CNN over the stacked frames, and an MLP on their spatial averages."""
+"""Encoders of fields: a CNN over the stacked frames, and an MLP on their spatial averages."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class ConvEncoder(nn.Module):
 
     Every frame enters with its Laplacian of nearest neighbours, since what the diffusion coefficients leave behind is
     the decay of the finest structures; inputs are standardised by the training set, each channel on its own.
-    Convolutions are periodic and every layer is averaged over the grid, so that what the encoder returns does not
-    change when the fields are shifted (by a multiple of the product of the strides).
+    Every layer is averaged over the grid, so that on a periodic one what the encoder returns does not change when the
+    fields are shifted (by a multiple of the product of the strides).
 
     Arguments:
         times: of the observed window; their number is that of the frames.
@@ -52,7 +52,7 @@ class ConvEncoder(nn.Module):
         """(T1, …, B, fields, *grid) → frames and their Laplacians (…, B, 2 · T1 · fields, *grid)."""
         channel = -1 - self.rank
         frames = observed.movedim(0, channel - 1).flatten(channel - 1, channel)
-        return torch.cat((frames, differences(frames, self.rank)), dim=channel)
+        return torch.cat((frames, differences(frames, self.rank, self.system.periodic)), dim=channel)
 
     def fit(self, observed: Tensor) -> None:
         """Standardise by the training set's observed window (T1, N, fields, *grid)."""
@@ -61,17 +61,17 @@ class ConvEncoder(nn.Module):
     def forward(self, observed: Tensor) -> Posterior:
         """(T1, …, B, fields, *grid) → z_e (…, B, P), z_a (…, B, latent)."""
         x = self.scale(self.inputs(observed))
-        hidden = torch.relu(self.trunk(layer_averages(self.layers, x)))
+        hidden = torch.relu(self.trunk(layer_averages(self.layers, x, self.system.periodic)))
         z_e = constrain(self.head(hidden), self.system.expert_parameters)
         return Posterior(Delta(z_e), Delta(self.latent_head(hidden)))
 
 
 class Moments(nn.Module):
-    """Averages over a periodic grid that tell what a local equation of motion ∂y/∂t = D Δy + f(y) is made of.
+    """Averages over the grid that tell what a local equation of motion ∂y/∂t = D Δy + f(y) is made of.
 
     For every interval between two frames: the fields halfway and their powers, the increments, and the Laplacians
     halfway; of these the means (Laplacians have none) and the means of all products of two.  A diffusion coefficient
-    is nearly a ratio of such means.  All are invariant under shifts of the fields.
+    is nearly a ratio of such means.  On a periodic grid all are invariant under shifts of the fields.
 
     Arguments:
         system: with fields as its state.
@@ -87,7 +87,7 @@ class Moments(nn.Module):
     def __init__(self, system: System, frames: int, powers: Sequence[int] = (1, 3)) -> None:
         super().__init__()
         self.rank = grid_rank(system, "model.encoder.kind")
-        self.fields, self.powers = system.state_shape[0], tuple(powers)
+        self.fields, self.powers, self.periodic = system.state_shape[0], tuple(powers), system.periodic
         channels = (len(self.powers) + 2) * self.fields
         self.outputs = (frames - 1) * (channels - self.fields + channels * (channels + 1) // 2)
         self.register_buffer("size", torch.ones(channels, 1))
@@ -111,7 +111,8 @@ class Moments(nn.Module):
         before, after = y[(..., slice(None, -1), *cells)], y[(..., slice(1, None), *cells)]
         middle = (before + after) / 2
         powers = [middle**power for power in self.powers]
-        channels = torch.cat((*powers, after - before, differences(middle, self.rank)), dim=-1 - self.rank)
+        curvature = differences(middle, self.rank, self.periodic)
+        channels = torch.cat((*powers, after - before, curvature), dim=-1 - self.rank)
         return channels.flatten(-self.rank)
 
     def _moments(self, y: Tensor, size: Tensor) -> Tensor:

@@ -2,7 +2,7 @@
 
 g_a reads z_a off the observation, g_p1 filters the observation so that the expert alone could have made it, and g_p2
 reads z_e off what is left, the same network that the objective trains on the expert's own simulations (the paper's
-appendix on the hybrid-VAE).  :class:`MLPTwoStep` is for vectors, :class:`ConvTwoStep` for fields on a periodic grid.
+appendix on the hybrid-VAE).  :class:`MLPTwoStep` is for vectors, :class:`ConvTwoStep` for fields.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
+from math import prod
 from typing import Any
 
 import torch
@@ -165,28 +166,30 @@ class StepFilter(nn.Module):
     def __init__(self, system: System, times: Tensor, latent: int, layers: Sequence[int], activation: str) -> None:
         super().__init__()
         self.system = system
-        inputs = feature_count(system, "model.encoder.kind")
+        inputs, values = feature_count(system, "model.encoder.kind"), prod(system.state_shape)
         self.scale = Standardise(inputs)
-        self.register_buffer("unit", torch.ones(1, system.state_shape[-1]))
+        self.register_buffer("unit", torch.ones(1, values))
         self.register_buffer("time", (2 * times / times[-1] - 1).to(torch.float32).unsqueeze(-1))
         self.state_layer = Linear(inputs, layers[0], bias=False)
         self.time_layer = Linear(1, layers[0], bias=False)
         self.known_layer = Linear(inputs + latent, layers[0])
-        self.rest = MLP(layers[0], layers[1:], system.state_shape[-1], activation)
+        self.rest = MLP(layers[0], layers[1:], values, activation)
 
     def fit(self, seen: Tensor) -> None:
         self.scale.fit(self.system.features(seen).flatten(0, -2))
-        self.unit.copy_(seen.flatten(0, -2).std(0, keepdim=True).expand_as(self.unit))
+        values = seen.flatten(-len(self.system.state_shape))
+        self.unit.copy_(values.flatten(0, -2).std(0, keepdim=True).expand_as(self.unit))
 
     def forward(self, seen: Tensor, z_a: Tensor) -> Tensor:
-        steps = seen.shape[-2]
+        shape = self.system.state_shape
+        steps = seen.shape[-1 - len(shape)]
         x = self.scale(self.system.features(seen).flatten(-3, -2))  # (…, B·T1, inputs)
         first = x.unflatten(-2, (-1, steps))[..., 0, :]
         hidden = self.state_layer(x).unflatten(-2, (-1, steps))
         hidden = hidden + self.known_layer(torch.cat((first, z_a), dim=-1)).unsqueeze(-2)
         hidden = hidden + self.time_layer(self.time).unsqueeze(-3)
         added = self.rest(self.rest.activation(hidden.flatten(-3, -2)))
-        return seen + (self.unit * added).unflatten(-2, (-1, steps))
+        return seen + (self.unit * added).unflatten(-2, (-1, steps)).unflatten(-1, shape)
 
 
 def _gaussian(outputs: Tensor, parameters: Sequence | None = None) -> Gaussian:
@@ -222,11 +225,11 @@ class ConvTwoStep(TwoStep):
 
         def network(outputs: int) -> nn.Module:
             if own.powers is None:
-                return FrameCNN(rank, fields, own.channels, own.strides, own.layers, outputs)
+                return FrameCNN(rank, fields, own.channels, own.strides, own.layers, outputs, system.periodic)
             return FrameMoments(system, len(times), own.powers, own.layers, outputs)
 
         latent_network, expert_network = network(2 * own.latent), network(2 * len(system.expert_parameters))
-        filter_network = FrameFilter(rank, fields, own.latent, own.filter_channels)
+        filter_network = FrameFilter(rank, fields, own.latent, own.filter_channels, system.periodic)
         super().__init__(system, partial(frames, rank=rank), own.latent, latent_network, filter_network, expert_network)
 
 
@@ -249,9 +252,10 @@ class FrameCNN(nn.Module):
         strides: Sequence[int],
         layers: Sequence[int],
         outputs: int,
+        periodic: bool,
     ) -> None:
         super().__init__()
-        self.rank = rank
+        self.rank, self.periodic = rank, periodic
         self.scale = StandardiseChannels(2 * fields, rank)
         self.layers = nn.ModuleList(
             Conv(rank, a, b, stride=s) for (a, b), s in zip(pairwise((2 * fields, *channels)), strides, strict=True)
@@ -259,11 +263,14 @@ class FrameCNN(nn.Module):
         self.head = MLP(sum(channels), layers, outputs)
 
     def fit(self, seen: Tensor) -> None:
-        self.scale.fit(_with_differences(seen, self.rank))
+        self.scale.fit(self._with_differences(seen))
 
     def forward(self, seen: Tensor) -> Tensor:
-        x = self.scale(_with_differences(seen, self.rank))
-        return self.head(layer_averages(self.layers, x))
+        x = self.scale(self._with_differences(seen))
+        return self.head(layer_averages(self.layers, x, self.periodic))
+
+    def _with_differences(self, seen: Tensor) -> Tensor:
+        return torch.cat((seen, differences(seen, self.rank, self.periodic)), dim=-1 - self.rank)
 
 
 class FrameMoments(nn.Module):
@@ -287,17 +294,13 @@ class FrameMoments(nn.Module):
 class FrameFilter(nn.Module):
     """g_p1: frames + U-Net(frames, z_a), the U-Net's output in units of each frame's standard deviation."""
 
-    def __init__(self, rank: int, fields: int, latent: int, channels: Sequence[int]) -> None:
+    def __init__(self, rank: int, fields: int, latent: int, channels: Sequence[int], periodic: bool) -> None:
         super().__init__()
         self.scale = StandardiseChannels(fields, rank)
-        self.network = UNet(fields, latent, channels, rank)
+        self.network = UNet(fields, latent, channels, rank, periodic)
 
     def fit(self, seen: Tensor) -> None:
         self.scale.fit(seen)
 
     def forward(self, seen: Tensor, z_a: Tensor) -> Tensor:
         return seen + self.scale.std.unsqueeze(-2 - self.scale.rank) * self.network(self.scale(seen), z_a)
-
-
-def _with_differences(seen: Tensor, rank: int) -> Tensor:
-    return torch.cat((seen, differences(seen, rank)), dim=-1 - rank)

@@ -1,4 +1,4 @@
-"""An interaction model that is a CNN on fields of a periodic grid."""
+"""An interaction model that is a CNN on fields."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ PRECISIONS = {"float32": None, "bfloat16": torch.bfloat16}
 class ConvInteraction(Interaction):
     """CNN on the state's fields, with z_a as constant channels (paper, appendix, reaction–diffusion).
 
-    A constant channel adds the same to every cell of a hidden channel (the grid is periodic), so z_a enters as a bias
-    of each sample: :meth:`context` computes it once for a trajectory.
+    A constant channel adds the same to every cell of a hidden channel (it has no edge), so z_a enters as a bias of each
+    sample: :meth:`context` computes it once for a trajectory.
 
     With ``precision`` bfloat16 the convolutions are computed in that, their sums staying in float32.
 
@@ -41,6 +41,7 @@ class ConvInteraction(Interaction):
         channels, kernels = own.channels, own.kernels
         fields = system.state_shape[0]
         self.rank = grid_rank(system, "model.interaction.kind")
+        self.periodic = system.periodic
         self.precision = PRECISIONS[own.precision]
         self.margin = sum(k // 2 for k in kernels)
         self.state_layer = Conv(self.rank, fields, channels[0], kernels[0], bias=False)
@@ -73,7 +74,7 @@ class ConvInteraction(Interaction):
         return torch.cat([self._rates(*part, *layers) for part in parts])
 
     def _rates(self, y: Tensor, context: Tensor, first: tuple, *rest: tuple) -> Tensor:
-        hidden = convolve(wrap(y, self.margin), *first)
+        hidden = convolve(wrap(y, self.margin, self.periodic), *first)
         hidden = hidden.add_(context[(..., *[None] * self.rank)])  # in place: nothing that autograd keeps
         for weight, bias in rest:
             hidden = convolve(hidden.relu_(), weight, bias)

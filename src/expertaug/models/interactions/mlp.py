@@ -43,12 +43,13 @@ class MLPInteraction(Interaction):
             self.units.append(1.0 if times is None else max(float(times[-1]), 1e-12))
         self.system = system
         self.mask = [float(k in self.sees) for k in range(len(system.state))]
+        self.grid = system.state_shape[1:]
         self.orders = [float(order) for order in range(1, own.harmonics + 1)]
         extra = len(self.units) + (2 * len(self.orders) - 1 if self.orders else 0)
         features = feature_count(system, "model.interaction.kind") + extra
         self.state_layer = Linear(features, own.layers[0], bias=False)
         self.latent_layer = Linear(self.inputs, own.layers[0])
-        self.rest = MLP(own.layers[0], own.layers[1:], len(self.acts_on), own.activation)
+        self.rest = MLP(own.layers[0], own.layers[1:], len(self.acts_on) * math.prod(self.grid), own.activation)
         for parameter in self.rest.layers[-1].parameters():
             parameter.data *= own.start
 
@@ -58,7 +59,7 @@ class MLPInteraction(Interaction):
 
     def forward(self, y: Tensor, context: Tensor, known: Tensor | None = None) -> Tensor:
         """F_a at states y (…, B, *state), the shape of y; ``known`` as of :class:`Interaction`."""
-        seen = y if all(self.mask) else y * constant_like(y, self.mask, y.dtype)
+        seen = y if all(self.mask) else y * constant_like(y, self.mask, y.dtype).view(-1, *[1] * len(self.grid))
         features = self.system.features(seen)
         if known is not None:
             extra = known / constant_like(known, self.units, known.dtype)
@@ -67,4 +68,5 @@ class MLPInteraction(Interaction):
                 extra = torch.cat((extra[..., :-1], torch.sin(phases), torch.cos(phases)), dim=-1)
             features = torch.cat((features, extra), dim=-1)
         hidden = affine(features, self.state_layer.weight, context)
-        return self.placed(self.rest(self.rest.activation(hidden)), y)
+        rates = self.rest(self.rest.activation(hidden))
+        return self.placed(rates.unflatten(-1, (-1, *self.grid)) if self.grid else rates, y)

@@ -1,4 +1,6 @@
-"""Convolutional networks for states that are fields on a periodic grid of one to three axes, (channels, *grid).
+"""Convolutional networks for states that are fields on a grid of one to three axes, (channels, *grid).
+
+Beyond an edge they find the other end where the system is periodic, and zeros otherwise.
 
 Like the layers of :mod:`expertaug.models.networks.layers`, they compute one seed or a group of seeds alike: inputs are
 (S, B, C, *grid) for stacked parameters and (B, C, *grid) otherwise.  A group is a loop over its seeds: one grouped
@@ -88,19 +90,20 @@ def _convolve_by_products(x: Tensor, weight: Tensor, bias: Tensor | None, stride
     return sums.view(len(x), -1, *cells)
 
 
-def wrap(x: Tensor, margin: int) -> Tensor:
-    """Periodic fields (B, C, *grid) with ``margin`` more cells on every side, channels last in memory.
+def wrap(x: Tensor, margin: int, periodic: bool = True) -> Tensor:
+    """Fields (B, C, *grid) with ``margin`` more cells on every side, channels last in memory.
 
     Padding once by what all the layers together need, instead of before every layer, halves the time of a network of
     few input channels: the inner cells computed twice cost less than copying its hidden channels.
     """
-    padded = nn.functional.pad(x, (margin,) * 2 * (x.dim() - 2), mode="circular") if margin else x
+    mode = "circular" if periodic else "constant"
+    padded = nn.functional.pad(x, (margin,) * 2 * (x.dim() - 2), mode=mode) if margin else x
     if by_products(x):
         return padded
     return padded.contiguous(memory_format=LAYOUTS.get(x.dim(), torch.contiguous_format))
 
 
-def layer_averages(layers: nn.ModuleList, x: Tensor) -> Tensor:
+def layer_averages(layers: nn.ModuleList, x: Tensor, periodic: bool = True) -> Tensor:
     """Averages over the grid of every layer's output, (…, B, sum of the channels), for x (…, B, channels, *grid)."""
     convolutions: Sequence[Conv] = list(layers)  # type: ignore[assignment]
     grid = tuple(range(-convolutions[0].rank, 0))
@@ -110,14 +113,19 @@ def layer_averages(layers: nn.ModuleList, x: Tensor) -> Tensor:
     for activation, own in zip(x.unbind(0) if stacked else [x], parameters, strict=True):
         averages = []
         for layer, (weight, bias) in zip(convolutions, own, strict=True):
-            activation = torch.relu(convolve(wrap(activation, layer.kernel // 2), weight, bias, layer.stride))
+            wide = wrap(activation, layer.kernel // 2, periodic)
+            activation = torch.relu(convolve(wide, weight, bias, layer.stride))
             averages.append(activation.mean(grid))
         per_seed.append(torch.cat(averages, dim=-1))
     return torch.stack(per_seed) if stacked else per_seed[0]
 
 
-def differences(fields: Tensor, rank: int) -> Tensor:
-    """Sum over a cell's neighbours of their difference from it, for periodic fields (…, *grid) of ``rank`` axes."""
+def differences(fields: Tensor, rank: int, periodic: bool = True) -> Tensor:
+    """Sum over a cell's neighbours of their difference from it, for fields (…, *grid) of ``rank`` axes."""
+    if not periodic:
+        axes = range(1, rank + 1)
+        seconds = [nn.functional.pad(fields, (0, 0) * (axis - 1) + (1, 1)).diff(n=2, dim=-axis) for axis in axes]
+        return torch.stack(seconds).sum(0)
     neighbours = fields.roll(1, -1) + fields.roll(-1, -1)
     for axis in range(-2, -rank - 1, -1):
         neighbours = neighbours + fields.roll(1, axis) + fields.roll(-1, axis)
@@ -148,7 +156,7 @@ class StandardiseChannels(nn.Module):
 
 
 class UNet(nn.Module):
-    """Periodic U-Net (Ronneberger et al. 2015): every level halves the grid, every hidden layer has a bias by z_a.
+    """U-Net (Ronneberger et al. 2015): every level halves the grid, every hidden layer has a bias by z_a.
 
     It computes one seed or a group of seeds alike, as the other layers do.
 
@@ -157,10 +165,19 @@ class UNet(nn.Module):
         condition: size of z_a.
         channels: of the levels, the finest first; the grid must allow one halving less than there are levels.
         rank: axes of the grid.
+        periodic: whether it wraps around.
     """
 
-    def __init__(self, fields: int, condition: int, channels: Sequence[int] = (16, 32, 32), rank: int = 2) -> None:
+    def __init__(
+        self,
+        fields: int,
+        condition: int,
+        channels: Sequence[int] = (16, 32, 32),
+        rank: int = 2,
+        periodic: bool = True,
+    ) -> None:
         super().__init__()
+        self.periodic = periodic
         self.down = nn.ModuleList(
             Conv(rank, a, b, stride=1 + (k > 0), bias=False) for k, (a, b) in enumerate(pairwise((fields, *channels)))
         )
@@ -183,11 +200,12 @@ class UNet(nn.Module):
         levels, count = [], len(self.down)
         steps = iter(biases[(..., *[None] * self.out.rank)].split(self.widths, dim=1))
         for layer, (weight, _) in zip(self.down, parameters, strict=False):
-            x = torch.relu(convolve(wrap(x, 1), weight, None, layer.stride) + next(steps))
+            x = torch.relu(convolve(wrap(x, 1, self.periodic), weight, None, layer.stride) + next(steps))
             levels.append(x)
         x = levels.pop()
         up = [weight for weight, _ in parameters[count:-1]]
         for fine, weight in zip(reversed(levels), reversed(up), strict=True):
             coarse = nn.functional.interpolate(x, scale_factor=2, mode="nearest")
-            x = torch.relu(convolve(wrap(torch.cat((fine, coarse), dim=1), 1), weight, None) + next(steps))
+            both = wrap(torch.cat((fine, coarse), dim=1), 1, self.periodic)
+            x = torch.relu(convolve(both, weight, None) + next(steps))
         return convolve(x, *parameters[-1])
