@@ -59,7 +59,7 @@ def test_other_samples_and_spaces(tmp_path):
     room = 0.1 * np.ptp(truth[1, :, 0])
     assert (low, high) == pytest.approx((truth[1, :, 0].min() - room, truth[1, :, 0].max() + room))
     assert len(lines[0].axes.get_yticks()) > 1 and not len(lines[3].axes.get_yticks())
-    assert next(axis.get_ylabel() for axis in drawn[0].axes if axis.get_ylabel()) == "truth\n$u$ [1]"
+    assert next(axis.get_ylabel() for axis in figure.axes if axis.get_ylabel()) == "truth\n$u$ [1]"
     with pytest.raises(InputError, match="no seed 9"):
         traces.forecasts(loaded(paths), view=View(seed=9))
 
