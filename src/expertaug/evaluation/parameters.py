@@ -34,12 +34,12 @@ def parameters(forecasts: Mapping[str, Forecasts], reading: ParameterReading = P
         reading: without a training range that of the forecasts' training values is shaded, and where they have none
             that of their validation values.
     """
-    found = {method: data for method, data in forecasts.items() if data.estimates}
-    if not found:
+    estimating = {method: data for method, data in forecasts.items() if data.estimates}
+    if not estimating:
         return plotting.note("no method estimates parameters")
-    methods = ordered(found, dict(reading.hues))
+    methods = ordered(estimating, dict(reading.hues))
     colours = plotting.colours(methods, dict(reading.hues))
-    first = found[methods[0]]
+    first = estimating[methods[0]]
     count = len(first.parameter_names)
     with plotting.styled():
         side = min(2.3, (plotting.WIDTH - 0.5) / len(methods))
@@ -54,7 +54,7 @@ def parameters(forecasts: Mapping[str, Forecasts], reading: ParameterReading = P
             if is_unknown(first, row):
                 priors = {method: _prior(reading, method, name) for method in methods}
                 axes = dict(zip(methods, grid[row], strict=True))
-                _histograms(axes, found, row, colours, priors)
+                _histograms(axes, estimating, row, colours, priors)
                 for axis, title in zip(axes.values(), titles, strict=True):
                     axis.set_xlabel(f"estimated {quantity}")
                     axis.set_title(title if row == 0 else "")
@@ -63,7 +63,7 @@ def parameters(forecasts: Mapping[str, Forecasts], reading: ParameterReading = P
             low, high = _show_ranges(dict(zip(methods, grid[row], strict=True)), first, row, name, reading)
             annotated = []
             for axis, method in zip(grid[row], methods, strict=True):
-                annotated.append(_scatter(axis, found[method], row, (low, high), colours[method]))
+                annotated.append(_scatter(axis, estimating[method], row, (low, high), colours[method]))
                 axis.set_xlabel(f"true {quantity}")
             for axis, title in zip(grid[row] if row == 0 else (), titles, strict=False):
                 axis.set_title(title, pad=12 if any(annotated) else None)  # above what is told of points outside

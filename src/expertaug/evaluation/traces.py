@@ -80,17 +80,17 @@ def forecasts(
     view = view or View()
     names = names or {method: data.path or f"forecasts of {method}" for method, data in forecasts.items()}
     methods, name = ordered(forecasts, dict(reading.hues)), view.set
-    found = {method: forecasts[method] for method in methods}
-    first = found[methods[0]]
-    _check_same(names, found, name)
+    by_method = {method: forecasts[method] for method in methods}
+    first = by_method[methods[0]]
+    _check_same(names, by_method, name)
     truth, count = first.kept[name].truth, len(first.kept[name].index)
     samples = view.samples or list(range(min(3, count)))
     if max(samples) >= count:
         raise InputError(names[methods[0]], f"no sample {max(samples)}", f"it keeps {count}")
-    seed = _first_trained(found) if view.seed is None else view.seed
-    places = {method: _seed_position(names[method], found[method], seed) for method in methods}
+    seed = _first_trained(by_method) if view.seed is None else view.seed
+    places = {method: _seed_position(names[method], by_method[method], seed) for method in methods}
     if truth.ndim > 3:  # a state with other axes than its components
-        return _draw_fields(found, reading, view, seed)
+        return _draw_fields(by_method, reading, view, seed)
     size = truth.shape[-1]
     spread = np.linspace(0, size - 1, min(size, MOST_DIMENSIONS)).astype(int)
     dimensions = list(dict.fromkeys(spread.tolist()))
@@ -104,7 +104,7 @@ def forecasts(
                 axis.axvspan(first.t[0], first.t[first.observed], color="0.92", linewidth=0, zorder=0)
                 axis.plot(first.t, truth[sample, :, dimension], marker="." if gaps else "", zorder=2, **TRUTH)
                 for method in methods:
-                    kept, place = found[method].kept[name], places[method]
+                    kept, place = by_method[method].kept[name], places[method]
                     order = 4 if Version.parse(method).is_augmented else 3
                     line = {"linewidth": 1.2, "zorder": order, **_look(method, colours)}
                     axis.plot(first.t, kept.prediction[place, sample, :, dimension], **line)
@@ -125,7 +125,7 @@ def forecasts(
         handles += _handles(methods, reading.label_of, colours)
         handles.append(Patch(facecolor="0.92", label="observed window"))
         for method in methods:
-            if _is_seen(found[method].kept[name].band, places[method], samples, dimensions, grid[:, 0]):
+            if _is_seen(by_method[method].kept[name].band, places[method], samples, dimensions, grid[:, 0]):
                 label = f"90 % band of {reading.printed(method)}"
                 handles.append(Patch(facecolor=colours[method], alpha=0.2, label=label))
         plotting.legend(figure, handles)
