@@ -12,7 +12,7 @@ VERSIONS = ("aphynity+", "aphynity+~flow", "aphynity+~flow~refined")
 def completed(**pendulum):
     given = load(default_files())
     experiment = {**given["experiments"]["pendulum"], **pendulum}
-    return validate({**given, "run": ["pendulum"], "experiments": {**given["experiments"], "pendulum": experiment}})
+    return validate({**given, "run": ["pendulum"], "experiments": {"pendulum": experiment}})
 
 
 def test_a_flow_follows_its_augmented_version_and_may_be_refined():
