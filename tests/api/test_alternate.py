@@ -41,6 +41,7 @@ def test_what_cannot_be_used_is_said(sets):
         alternate(sets, prior={"omega": (0.5, 3.5)})
 
 
+@pytest.mark.slow
 def test_a_flow_amortises_it(sets, tmp_path):
     """Learned from draws of the decoder over p⁺; forecasts then need no fit, and may be refined."""
     model, train = alternate(sets, seeds=range(2)), sets[0]

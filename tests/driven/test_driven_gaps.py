@@ -85,6 +85,7 @@ def test_augmented_samples_have_inputs_and_gaps_of_their_window(fit, gappy):
     assert np.isfinite(plus.evaluate(gappy["test"])["value"]).all()
 
 
+@pytest.mark.slow
 def test_windows_are_fitted_and_drawn_from(fit, gappy):
     test = gappy["test"]
     window = test.seen[:, : fit.observed]
@@ -98,6 +99,7 @@ def test_windows_are_fitted_and_drawn_from(fit, gappy):
     assert torch.isfinite(changed.change()).all() and torch.isfinite(changed.chi2_after).all()
 
 
+@pytest.mark.slow
 def test_ranges_are_found_with_and_without_windows(fit, gappy):
     test = gappy["test"]
     options = {"noise": 0.01, "prior": PRIOR, "starts": 8, "tries": 1}

@@ -91,6 +91,7 @@ class Glider(System):
         return torch.stack((torch.zeros_like(v), v), dim=-1)
 
 
+@pytest.mark.slow
 def test_precise_data_tell_a_drag_that_each_windows_own_constants_nearly_make_up_for():
     """A parabola of a glider's own follows three seconds of drag to a millimetre or two, which its sensor sees."""
     t, ranges = np.arange(31) * 0.1, ({"a": (0.08, 0.08)}, {"c": (0.15, 0.15)})

@@ -145,6 +145,7 @@ def test_a_model_file_holds_what_forecasts_need(data, settings, tmp_path):
     assert ((found.z_e > 0.5) & (found.z_e < 4)).all()
 
 
+@pytest.mark.slow
 def test_seeds_that_never_forecast_are_said(data, settings, monkeypatch):
     monkeypatch.setattr(stage.Alternation, "score", lambda self: torch.tensor([float("inf"), -1.0]))
     assert prepared(data, settings).run().failed == [0]

@@ -51,6 +51,7 @@ def fitted(data, **options):
     return ea.least_squares(Rubbed(), data, observed_s=END, prior=PRIOR, noise=NOISE, **options)
 
 
+@pytest.mark.slow
 def test_it_is_the_minimum_over_everything_at_once():
     data = swings(5)
     found = fitted(data, units=BOTH).stored.card.refinement.shared

@@ -141,6 +141,7 @@ def test_a_step_is_done_again_where_a_forecast_ran_away(waits, objective, monkey
     assert found.equals(fitted("pendulum", objective, device="cpu")[0].history["value"])
 
 
+@pytest.mark.slow
 def test_what_follows_a_training(waits):
     """Evaluation and refinement, whose fits are the CPU's wherever the model lies."""
     model, sets, ranges = fitted("pendulum")

@@ -104,6 +104,7 @@ def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, s
     assert len(scores) == 2 * 3 * 3 * 2 and scores.is_unique
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_stores")
 def test_a_block_is_a_run_of_each_seed_below_its_method(data, tmp_path, settings):
     from mlflow.tracking import MlflowClient

@@ -114,6 +114,7 @@ def measured(folder, paths):
     return [folder / name / "angles.csv" for name in paths]
 
 
+@pytest.mark.slow
 def test_from_markers_to_constants(tmp_path):
     angles = measured(tmp_path, {f"r{k}": markers(y, seed=k) for k, y in enumerate(truth())})
     split_chunks(angles, tmp_path / "data", SplitChunksJob(stride=20))

@@ -12,7 +12,6 @@ from expertaug_recordings.ibm import import_markers, list_marker_files
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.reports.summary import run_stage as summarise
 from expertaug_recordings.settings import ImportMarkersJob, MeasureAnglesJob
-from nightly import others_slow
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]
 
@@ -206,7 +205,8 @@ def test_summary_table(tmp_path):
         summarise(paths, tmp_path / "summary.csv", tmp_path / "summary.md")
 
 
-@pytest.mark.parametrize("name", others_slow(["0", "10"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["0", "10"])
 def test_real_recordings(tmp_path, name):
     files = list_marker_files(real_recordings())
     import_markers(files[name], tmp_path / "markers.csv", ImportMarkersJob())

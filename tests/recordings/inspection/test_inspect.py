@@ -76,6 +76,7 @@ def test_a_video_without_markers_is_refused(tmp_path):
     assert (tmp_path / "contact.png").exists()
 
 
+@pytest.mark.slow
 def test_a_pendulum_at_rest_is_refused(tmp_path):
     centres = markers_of(np.zeros((12, 2)), PIVOT, ARMS)
     frames = draw(centres, SIZE, [PAINT[n] for n in ("red", "green", "blue")])
@@ -120,11 +121,9 @@ def test_the_command_prints_yaml_and_refuses_in_one_line(tmp_path, monkeypatch, 
     block = yaml.safe_load(capsys.readouterr().out)
     assert block["recordings"]["videos"] == {"path": "clip.mp4"} and "experiments" not in block
     assert Path("contact.png").exists()
-    assert cli.main(["inspect-video", "clip.mp4", "--rate", "500"]) == 0
-    assert yaml.safe_load(capsys.readouterr().out)["recordings"]["videos"]["rate_hz"] == 500
-    assert cli.main(["inspect-video", "clip.mp4", "--from", "0.1", "--to", "0.5"]) == 0
-    text = capsys.readouterr().out
-    assert yaml.safe_load(text)["recordings"]["videos"] == {"path": "clip.mp4", "from_s": 0.1, "to_s": 0.5}
+    assert cli.main(["inspect-video", "clip.mp4", "--rate", "100", "--from", "0.1", "--to", "0.5"]) == 0
+    text, cut = capsys.readouterr().out, {"from_s": 0.1, "to_s": 0.5}
+    assert yaml.safe_load(text)["recordings"]["videos"] == {"path": "clip.mp4", "rate_hz": 100} | cut
     assert "41 frames" in text
     assert cli.main(["inspect-video", "none.mp4"]) == 2
     assert capsys.readouterr().err == "expertaug inspect-video: none.mp4: no such file; give a video file\n"

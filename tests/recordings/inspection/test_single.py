@@ -72,7 +72,8 @@ def clip(path, names, tilt_deg=0.0):
     return write_video(draw(centre, SIZE, [*colours, None], 16), path, RATE)
 
 
-@pytest.mark.parametrize("names", [pytest.param(("red", "green"), marks=pytest.mark.slow), (None, "orange")])
+@pytest.mark.slow
+@pytest.mark.parametrize("names", [("red", "green"), (None, "orange")])
 def test_a_single_pendulum_from_inspect_to_chunks(tmp_path, names):
     video = clip(tmp_path / "clip.mp4", names, 3.0)
     text = inspect(video, tmp_path / "contact.png")

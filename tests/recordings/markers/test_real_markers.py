@@ -12,7 +12,6 @@ from expertaug_recordings.markers.geometry import Geometry, estimate_geometry, s
 from expertaug_recordings.markers.tracker import STIFFNESS, Tracker, track_frames
 from expertaug_recordings.rendering.render import render_recording
 from expertaug_recordings.settings import RenderVideoJob, TrackMarkersJob
-from nightly import others_slow
 
 NAMES = ("red", "green", "blue")
 COLOURS = [PAINT[name] for name in NAMES]
@@ -54,7 +53,8 @@ def test_a_ring_that_covers_much_of_a_small_disk_does_no_harm(where, thick, cent
     assert used > 0.9 and np.median(error) < 0.1 and error.max() < 0.5
 
 
-@pytest.mark.parametrize("mark", others_slow(["line", "ring"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("mark", ["line", "ring"])
 def test_large_disks_with_something_burnt_in_are_seen_whole(mark):
     large = markers_of(swinging(120)[::10, :2], (300.0, 280.0), (140.0, 95.0))
     frames = draw(large, (600, 560), COLOURS, 50.0, background=(190, 190, 190), mark=mark)
@@ -109,7 +109,8 @@ def test_a_joint_off_its_hinge_costs_no_frame(centres):
     assert found is not None
 
 
-@pytest.mark.parametrize("k", others_slow([0, 1, 2]))
+@pytest.mark.slow
+@pytest.mark.parametrize("k", [0, 1, 2])
 def test_a_twin_at_rest_is_not_taken_for_a_marker(k, centres):
     frames = draw(centres, SIZE, COLOURS, background=DARK)
     for frame in frames:

@@ -4,12 +4,14 @@ import subprocess
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
 import warm_python
 
 ROOT = Path(__file__).parents[3]
 
 
+@pytest.mark.slow
 def test_targets_are_met_and_faults_are_flagged(tmp_path):
     script = ROOT / "benchmarks" / "tracking_accuracy.py"
     options = ["--recordings", tmp_path / "none", "--frames", 16, "--clips", 1, "--levels", 2]

@@ -13,7 +13,6 @@ from expertaug.systems import Parameter, System
 from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
-from nightly import others_slow
 
 MU = 100.0
 
@@ -55,7 +54,8 @@ def exact(k, start, times):
     return solve_ivp(rate, (0, times[-1]), start, "Radau", times, rtol=1e-10, atol=1e-12).y[0]
 
 
-@pytest.mark.parametrize("method", others_slow(["bdf", "radau"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["bdf", "radau"])
 def test_van_der_pol_is_simulated_over_its_relaxations(method, monkeypatch):
     monkeypatch.setattr(VanDerPol, "simulation", Solver(method, rtol=1e-8, atol=1e-10))
     data = {
