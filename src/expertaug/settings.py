@@ -118,14 +118,14 @@ def is_left_out(kind: type[BaseModel], name: str) -> bool:
     return isinstance(extra, Mapping) and bool(extra.get("left_out"))
 
 
-def wrong(found: str, remedy: str, at: str = "") -> PydanticCustomError:
+def wrong(problem: str, remedy: str, at: str = "") -> PydanticCustomError:
     """What a validator of a value raises: what was found, what would be right; ``at`` names a key inside the value."""
-    return PydanticCustomError("wrong", "{found}; {remedy}", {"found": found, "remedy": remedy, "at": at})
+    return PydanticCustomError("wrong", "{found}; {remedy}", {"found": problem, "remedy": remedy, "at": at})
 
 
-def disagree(found: str, remedy: str, at: str = "") -> PydanticCustomError:
+def disagree(problem: str, remedy: str, at: str = "") -> PydanticCustomError:
     """What a validator of several keys raises, which cannot judge a part of them; ``at`` names one of the keys."""
-    return PydanticCustomError("disagree", "{found}; {remedy}", {"found": found, "remedy": remedy, "at": at})
+    return PydanticCustomError("disagree", "{found}; {remedy}", {"found": problem, "remedy": remedy, "at": at})
 
 
 def agreement(check: Callable[[Any], Iterable[PydanticCustomError]]) -> Any:

@@ -76,27 +76,27 @@ def number_in(text: str) -> str | None:
     return f"{mantissa}e{exponent if exponent[0] in '+-' else f'+{exponent}'}"
 
 
-def suggest(name: object, known: Iterable[object]) -> str:
+def suggest(name: object, candidates: Iterable[object]) -> str:
     """“did you mean …?” and what is known."""
-    known = [str(k) for k in known]
+    candidates = [str(k) for k in candidates]
     meant = MEANT.get(str(name).lower())
-    close = [meant] if meant in known else difflib.get_close_matches(str(name), known, 1)
-    return (f"did you mean '{close[0]}'? " if close else "") + f"known: {', '.join(known) or 'none'}"
+    close = [meant] if meant in candidates else difflib.get_close_matches(str(name), candidates, 1)
+    return (f"did you mean '{close[0]}'? " if close else "") + f"known: {', '.join(candidates) or 'none'}"
 
 
-def unknown(used: Iterable[str], known: Iterable[str], where: str, what: str) -> Iterator[InputError]:
+def unknown(used: Iterable[str], candidates: Iterable[str], where: str, what: str) -> Iterator[InputError]:
     """Names in a list that are not known or are there twice; ``what`` says what the names are of."""
-    known, used = list(known), list(used)
+    candidates, used = list(candidates), list(used)
     for k, name in enumerate(used):
-        yield from unknown_one(name, known, f"{where}[{k}]", what)
+        yield from unknown_one(name, candidates, f"{where}[{k}]", what)
         if name in used[:k]:
             yield InputError(f"{where}[{k}]", f"'{name}' is there twice", f"name each {what} once")
 
 
-def unknown_one(name: str, known: Iterable[str], where: str, what: str) -> Iterator[InputError]:
+def unknown_one(name: str, candidates: Iterable[str], where: str, what: str) -> Iterator[InputError]:
     """A name that is not known; the nearest known one is suggested."""
-    if name not in known:
-        yield InputError(where, f"'{name}' is no {what}", suggest(name, known))
+    if name not in candidates:
+        yield InputError(where, f"'{name}' is no {what}", suggest(name, candidates))
 
 
 def other_parameters(used: Iterable[str], expected: Iterable[str], of: str) -> tuple[str, str] | None:

@@ -65,26 +65,26 @@ def tensor(value: object, name: str, gaps: bool = False) -> Tensor:
     return array
 
 
-def noise(given: Noise) -> float | dict[str, float] | str:
+def noise(noise_std: Noise) -> float | dict[str, float] | str:
     """A standard deviation of noise, of all components or of each, checked.
 
     Raises:
         InputError: one that cannot be used.
     """
-    each = given if isinstance(given, Mapping) else {"": given}
+    each = noise_std if isinstance(noise_std, Mapping) else {"": noise_std}
     for name, value in each.items():
-        estimated = isinstance(given, str) and given == "estimated"
+        estimated = isinstance(noise_std, str) and noise_std == "estimated"
         if not (estimated or (isinstance(value, Real) and 0 <= float(value) < np.inf)):
             where = f"noise.{name}" if name else "noise"
             raise InputError(where, f"found {value!r}", "a standard deviation, at least 0, or 'estimated'")
-    if isinstance(given, Mapping):
-        return {str(name): float(value) for name, value in given.items()}
-    return given if isinstance(given, str) else float(given)
+    if isinstance(noise_std, Mapping):
+        return {str(name): float(value) for name, value in noise_std.items()}
+    return noise_std if isinstance(noise_std, str) else float(noise_std)
 
 
-def like(value: Tensor, given: object) -> Array:
+def like(value: Tensor, prototype: object) -> Array:
     """A tensor as what the user gave: NumPy, unless that was a tensor."""
-    return value.to(given.device) if isinstance(given, Tensor) else value.cpu().numpy()
+    return value.to(prototype.device) if isinstance(prototype, Tensor) else value.cpu().numpy()
 
 
 def times(value: object) -> np.ndarray:
@@ -143,17 +143,17 @@ def grouped(value: Tensor, seeds: int) -> Tensor:
     return each.expand(-1, seeds, *each.shape[2:])
 
 
-def same_times(found: np.ndarray, expected: np.ndarray, name: str, remedy: str) -> None:
+def same_times(actual: np.ndarray, expected: np.ndarray, name: str, remedy: str) -> None:
     """Refuse times that are not the expected ones.
 
     Raises:
         InputError: a time differs by more than a millionth of the whole.
     """
-    if len(found) == len(expected):
+    if len(actual) == len(expected):
         span = abs(expected[-1] - expected[0]) or 1.0
-        if np.abs(found - expected).max() <= TIME_TOLERANCE * span:
+        if np.abs(actual - expected).max() <= TIME_TOLERANCE * span:
             return
-    raise InputError(name, f"has the times {brief(found)}", f"the model knows {brief(expected)}: {remedy}")
+    raise InputError(name, f"has the times {brief(actual)}", f"the model knows {brief(expected)}: {remedy}")
 
 
 def brief(t: np.ndarray) -> str:
@@ -163,74 +163,74 @@ def brief(t: np.ndarray) -> str:
     return f"{t[0]:.6g}, {t[1]:.6g} … {t[-1]:.6g} s ({len(t)} points)"
 
 
-def ranges(given: Ranges, names: Iterable[str], where: str) -> dict[str, list[float]]:
+def ranges(bounds: Ranges, names: Iterable[str], where: str) -> dict[str, list[float]]:
     """Ranges [low, high] by parameter, checked.
 
     Raises:
         InputError: other names than the expected ones, or no range.
     """
     names = list(names)
-    if not isinstance(given, Mapping) or sorted(given) != sorted(names):
-        actual = ", ".join(map(str, given)) if isinstance(given, Mapping) else type(given).__name__
+    if not isinstance(bounds, Mapping) or sorted(bounds) != sorted(names):
+        actual = ", ".join(map(str, bounds)) if isinstance(bounds, Mapping) else type(bounds).__name__
         raise InputError(where, f"gives {actual or 'nothing'}", f"give [low, high] for each of {', '.join(names)}")
     kept = {}
     for name in names:
         try:
-            low, high = (float(v) for v in given[name])
+            low, high = (float(v) for v in bounds[name])
         except (TypeError, ValueError) as error:
-            raise InputError(f"{where}.{name}", f"found {given[name]!r}", "give [low, high]") from error
+            raise InputError(f"{where}.{name}", f"found {bounds[name]!r}", "give [low, high]") from error
         if not (np.isfinite([low, high]).all() and low <= high):
             raise InputError(f"{where}.{name}", f"found [{low:g}, {high:g}]", "low must not exceed high")
         kept[name] = [low, high]
     return kept
 
 
-def share(given: object, name: str) -> float:
+def share(value: object, name: str) -> float:
     """A share from 0 to 1.
 
     Raises:
         InputError: it is none.
     """
-    if not isinstance(given, Real) or not 0 <= float(given) <= 1:
-        raise InputError(name, f"found {given!r}", "give a share from 0 to 1")
-    return float(given)
+    if not isinstance(value, Real) or not 0 <= float(value) <= 1:
+        raise InputError(name, f"found {value!r}", "give a share from 0 to 1")
+    return float(value)
 
 
-def start(given: Ranges, system: System) -> dict[str, list[float]]:
+def start(bounds: Ranges, system: System) -> dict[str, list[float]]:
     """Ranges [low, high] of first values by component of a system's state, checked.
 
     Raises:
         InputError: a name that is no component's, or no range.
     """
     names = [p.name for p in system.state]
-    for name in given:
+    for name in bounds:
         if name not in names:
             raise InputError(f"start.{name}", "is no component of the state", suggest(name, names))
-    return ranges(given, given, "start")
+    return ranges(bounds, bounds, "start")
 
 
-def solver(given: object, name: str) -> Solver | None:
+def solver(value: object, name: str) -> Solver | None:
     """A solver, or none.
 
     Raises:
         InputError: it is something else.
     """
-    if given is not None and not isinstance(given, Solver):
-        raise InputError(name, f"found {given!r}", 'give one, as expertaug.Solver("rk4")')
-    return given
+    if value is not None and not isinstance(value, Solver):
+        raise InputError(name, f"found {value!r}", 'give one, as expertaug.Solver("rk4")')
+    return value
 
 
-def trajectories(given: object, name: str) -> Trajectories:
+def trajectories(data: object, name: str) -> Trajectories:
     """A set that the user gave.
 
     Raises:
         InputError: it is none, or empty.
     """
-    if not isinstance(given, Trajectories):
-        raise InputError(name, f"is {type(given).__name__}", "give expertaug.Trajectories(t, y, z_e)")
-    if not len(given):
+    if not isinstance(data, Trajectories):
+        raise InputError(name, f"is {type(data).__name__}", "give expertaug.Trajectories(t, y, z_e)")
+    if not len(data):
         raise InputError(name, "holds no trajectory", "give at least one")
-    return given
+    return data
 
 
 @contextmanager
@@ -244,17 +244,17 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def seeds_of(given: Iterable[int]) -> list[int]:
+def seeds_of(values: Iterable[int]) -> list[int]:
     """Seeds that a user gave.
 
     Raises:
         InputError: no different whole numbers from 0 on.
     """
     try:
-        each = list(given)
+        each = list(values)
         seeds = [index(seed) for seed in each if not isinstance(seed, bool)]
     except TypeError as error:
-        raise InputError("seeds", f"found {given!r}", "give whole numbers, as range(3)") from error
+        raise InputError("seeds", f"found {values!r}", "give whole numbers, as range(3)") from error
     if not seeds or len(seeds) < len(each) or min(seeds) < 0 or max(seeds) >= 2**63 or len(set(seeds)) < len(seeds):
         raise InputError("seeds", f"found {each}", "give different whole numbers from 0 on")
     return seeds

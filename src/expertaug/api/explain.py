@@ -143,5 +143,5 @@ def _warn_of_slopes(system: System, data: Trajectories) -> None:
             logger.warning(SLOPE, rate, estimate.factor, estimate.error, of, rate)
 
 
-def _terms(given: Sequence[Term | str]) -> tuple[Term, ...]:
-    return tuple(Term.of(term) for term in given)
+def _terms(terms: Sequence[Term | str]) -> tuple[Term, ...]:
+    return tuple(Term.of(term) for term in terms)

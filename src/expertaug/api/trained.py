@@ -481,12 +481,12 @@ class TrainedModel:
     def _device(self) -> torch.device:
         return next((x.device for x in self.stored.model.state_dict().values()), torch.device("cpu"))
 
-    def _named(self, z_e: Tensor | None, given: object) -> dict[str, Array]:
+    def _named(self, z_e: Tensor | None, window: object) -> dict[str, Array]:
         """Estimates (S, N, P) by name."""
         if z_e is None or not self.stored.model.knows_z_e:
             return {}
         z_e = z_e[0] if self.single else z_e
-        return {p.name: arguments.like(z_e[..., k], given) for k, p in enumerate(self.system.expert_parameters)}
+        return {p.name: arguments.like(z_e[..., k], window) for k, p in enumerate(self.system.expert_parameters)}
 
 
 def load(path: str | Path, *, classes: Collection[str | Callable] = (), device: str = "cpu") -> TrainedModel:

@@ -227,11 +227,11 @@ def wrong_measurements(where: str, experiment: Experiment, system: KnownSystem |
         yield error
 
 
-def _unknown_keys(used: Iterable[str], known: Sequence[str] | None, where: str, what: str) -> Iterator[InputError]:
-    """Keys that are none of the known names, where those are known."""
+def _unknown_keys(used: Iterable[str], names: Sequence[str] | None, where: str, what: str) -> Iterator[InputError]:
+    """Keys that are none of the names, where those are known."""
     for name in used:
-        if known is not None and name not in known:
-            yield InputError(f"{where}.{name}", f"'{name}' is no {what}", suggest(name, known))
+        if names is not None and name not in names:
+            yield InputError(f"{where}.{name}", f"'{name}' is no {what}", suggest(name, names))
 
 
 def _columns(path: Path, settings: MeasurementSettings, where: str) -> None:

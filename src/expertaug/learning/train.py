@@ -265,13 +265,13 @@ def make_expert_alone(
     return make_untrained(LeastSquares.name, system, train, options, described, truth)
 
 
-def _first_values(train: Trajectories, system: systems.System, given: Mapping[str, Range]) -> dict[str, list[float]]:
+def _first_values(train: Trajectories, system: systems.System, start: Mapping[str, Range]) -> dict[str, list[float]]:
     """The range of each component of first points, in the state's order."""
     axes, names = (0, 1, *range(3, train.y.ndim)), [p.name for p in system.state]
     y = train.seen
     low = np.where(np.isnan(y), np.inf, y).min(axes).astype(float)
     high = np.where(np.isnan(y), -np.inf, y).max(axes).astype(float)
-    ranges = ranges_of(names, low.tolist(), high.tolist(), given)
+    ranges = ranges_of(names, low.tolist(), high.tolist(), start)
     if missing := [name for name in names if name not in ranges]:
         remedy = "give the range [low, high] in which its first value lies (data.start)"
         raise InputError(f"start.{missing[0]}", "missing, nobody measured it", remedy)

@@ -164,19 +164,19 @@ def _refuse_two_readings(table: Table, name: str) -> None:
         raise InputError(table.path, problem, "say which: --set time_format=%H:%M or --set time_format=%M:%S")
 
 
-def unit_of(name: str, table: Table, to: str, given: Mapping[str, str]) -> str | None:
+def unit_of(name: str, table: Table, to: str, units: Mapping[str, str]) -> str | None:
     """The unit of a column that stands for something in ``to``, as the user, its header or the row of units says it;
     None where none does.
 
     Arguments:
-        given: column → unit, from the user.
+        units: column → unit, from the user.
 
     Raises:
         InputError: what is said is no unit, or one of another kind.
     """
-    if name in given:
-        conversion(given[name], to, f"--unit {name}")
-        return given[name]
+    if name in units:
+        conversion(units[name], to, f"--unit {name}")
+        return units[name]
     header = told(name, table.units.get(name))
     if not header.unit or header.fits(to):
         return header.unit or None
@@ -254,7 +254,7 @@ def _is_of_time(name: str, values: np.ndarray) -> bool:
 
 
 def _components(
-    rest: Sequence[str], table: Table, names: Names, given: Mapping[str, str], still: Sequence[str]
+    rest: Sequence[str], table: Table, names: Names, units: Mapping[str, str], still: Sequence[str]
 ) -> tuple[dict[str, Column], set[str]]:
     """Columns of components: by names first, then by the units, and what is left by its place; of those that stand
     ``still`` by names alone."""
@@ -278,7 +278,7 @@ def _components(
         if component not in matches and free and not certain:
             matches[component] = free.pop(0)
     columns = {
-        component: Column(name=matches[component], unit=unit_of(matches[component], table, unit, given))
+        component: Column(name=matches[component], unit=unit_of(matches[component], table, unit, units))
         for component, unit in names.state.items()
         if component in matches
     }

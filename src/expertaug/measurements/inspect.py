@@ -62,9 +62,9 @@ class Inspection:
         time: str | None = None,
         trajectory: str | None = None,
         units: Mapping[str, str] | None = None,
-        given: Mapping[str, object] | None = None,
+        overrides: Mapping[str, object] | None = None,
     ) -> None:
-        self.given = dict(given or {})
+        self.given = dict(overrides or {})
         for key in self.given:
             if key not in SETTABLE:
                 raise InputError("--set", f"no key '{key}'", f"known: {', '.join(sorted(SETTABLE))}")

@@ -57,16 +57,16 @@ class Marks:
     example: str
 
 
-def recognise(path: Path, given: Mapping[str, object] | None = None) -> Layout:
+def recognise(path: Path, overrides: Mapping[str, object] | None = None) -> Layout:
     """Find how a file is laid out.
 
     Arguments:
-        given: keys that are known.
+        overrides: keys that are known.
 
     Raises:
         InputError: it is no table.
     """
-    keys = {k: v for k, v in (given or {}).items() if k in TableKeys.model_fields}
+    keys = {k: v for k, v in (overrides or {}).items() if k in TableKeys.model_fields}
     remarks: list[str] = []
 
     def read(of: Callable[[Path, TableKeys], Table]) -> Table:

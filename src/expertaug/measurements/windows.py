@@ -83,37 +83,37 @@ def _as_windows(
     return MeasurementSettings.from_mapping({k: v for k, v in keys.items() if k != "split"})
 
 
-def settings_of(model: Path, given: Path | None) -> MeasurementSettings | None:
+def settings_of(model: Path, source: Path | None) -> MeasurementSettings | None:
     """How the tables of a model's training were read; None where that is not known.
 
     Arguments:
         model: the model's file; the run that trained it has its data beside it.
-        given: a run's ``data/splits.json``, or a configuration with one experiment of measurements.
+        source: a run's ``data/splits.json``, or a configuration with one experiment of measurements.
 
     Raises:
-        InputError: the given file has no such settings.
+        InputError: the source has no such settings.
     """
-    if given is None:
+    if source is None:
         near = [folder / "data" / REPORT for folder in model.resolve().parents[:4]]
         reports = [path for path in near if path.is_file()]
         return _kept(reports[0]) if reports else None
-    if given.suffix == ".json":
-        found = _kept(given)
+    if source.suffix == ".json":
+        found = _kept(source)
         if found is None:
-            raise InputError(given, f"has no key {KEPT}", "give splits.json of a run's data, or its configuration")
+            raise InputError(source, f"has no key {KEPT}", "give splits.json of a run's data, or its configuration")
         return found
     try:
-        config = yaml.safe_load(given.read_text(encoding="utf-8"))
+        config = yaml.safe_load(source.read_text(encoding="utf-8"))
         experiments = [
             experiment["data"]["files"]
             for experiment in config["experiments"].values()
             if "files" in experiment.get("data", {})
         ]
     except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
-        raise InputError(given, f"no configuration ({error})", "give splits.json of a run's data") from error
+        raise InputError(source, f"no configuration ({error})", "give splits.json of a run's data") from error
     if len(experiments) != 1:
         found = f"{len(experiments)} experiments have measurements in files"
-        raise InputError(given, found, "give splits.json of the run's data")
+        raise InputError(source, found, "give splits.json of the run's data")
     return MeasurementSettings.from_mapping(experiments[0])
 
 

@@ -18,33 +18,33 @@ OWN = "expertaug."  # what names of the package begin with
 SYSTEMS = "expertaug.systems."
 
 
-def settings_of(part: Part, given: Mapping | Callable) -> dict:
+def settings_of(part: Part, spec: Mapping | Callable) -> dict:
     """A part of a model, or an objective, as ``{"kind": …}`` and its arguments.
 
     Arguments:
-        given: such a mapping, a class, or a functools.partial of one with arguments by name.
+        spec: such a mapping, a class, or a functools.partial of one with arguments by name.
 
     Raises:
         InputError: something without a name: a lambda, an instance, a partial with positional arguments.
     """
-    if isinstance(given, Mapping):
-        return dict(given)
-    made, arguments = (given.func, dict(given.keywords)) if isinstance(given, partial) else (given, {})
+    if isinstance(spec, Mapping):
+        return dict(spec)
+    made, arguments = (spec.func, dict(spec.keywords)) if isinstance(spec, partial) else (spec, {})
     name = getattr(made, "__qualname__", "<instance>")
     if name.endswith(">") or not callable(made):
         raise InputError(
-            part.name, f"found {type(given).__name__} {name}", "give a class, or functools.partial of a class"
+            part.name, f"found {type(spec).__name__} {name}", "give a class, or functools.partial of a class"
         )
-    if isinstance(given, partial) and given.args:
+    if isinstance(spec, partial) and spec.args:
         raise InputError(part.name, f"{name} with arguments by position", "give functools.partial arguments by name")
     return {"kind": short_name(part, f"{made.__module__}:{name}"), **arguments}
 
 
-def class_of(part: Part, given: Mapping | Callable) -> dict[str, Callable]:
+def class_of(part: Part, spec: Mapping | Callable) -> dict[str, Callable]:
     """The class of a part by its name, where it is not one of this package's; of a mapping nothing."""
-    if isinstance(given, Mapping) or is_built_in(kind := str(settings_of(part, given)["kind"])):
+    if isinstance(spec, Mapping) or is_built_in(kind := str(settings_of(part, spec)["kind"])):
         return {}
-    return {kind: given.func if isinstance(given, partial) else given}
+    return {kind: spec.func if isinstance(spec, partial) else spec}
 
 
 def describe(recipe: HybridModel) -> RecipeRecord:
@@ -123,14 +123,14 @@ def foreign(card: ModelCard, has_parts: bool = True) -> Iterator[str]:
     yield from (kind for kind in kinds if not is_built_in(kind))
 
 
-def trusted(given: Collection[str | Callable]) -> tuple[set[str], dict[str, Callable]]:
+def trusted(classes: Collection[str | Callable]) -> tuple[set[str], dict[str, Callable]]:
     """Names that may be imported, and classes by name, from a list of both."""
-    if isinstance(given, str) or not isinstance(given, Collection):
-        raise InputError("classes", f"found {given!r}", "give a list of classes or of their names, module:Class")
-    made = {f"{c.__module__}:{c.__qualname__}": c for c in given if not isinstance(c, str)}
+    if isinstance(classes, str) or not isinstance(classes, Collection):
+        raise InputError("classes", f"found {classes!r}", "give a list of classes or of their names, module:Class")
+    made = {f"{c.__module__}:{c.__qualname__}": c for c in classes if not isinstance(c, str)}
     # A system may be named by its module alone.
     made |= {c.__module__: c for c in made.values() if isinstance(c, type) and issubclass(c, System)}
-    return {c for c in given if isinstance(c, str)} | set(made), made
+    return {c for c in classes if isinstance(c, str)} | set(made), made
 
 
 def is_built_in(kind: str) -> bool:

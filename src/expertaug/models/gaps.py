@@ -69,9 +69,9 @@ def ends_of(ranges: Mapping[str, Sequence[float]], like: Tensor | None = None) -
 
 
 def ranges_of(
-    names: Sequence[str], low: Sequence[float], high: Sequence[float], given: Mapping[str, Sequence[float]]
+    names: Sequence[str], low: Sequence[float], high: Sequence[float], start: Mapping[str, Sequence[float]]
 ) -> dict[str, list[float]]:
-    """Ranges of the components of first points: those given, and a tenth more than the measured values'.
+    """Ranges of the components of first points: those of ``start``, and a tenth more than the measured values'.
 
     Arguments:
         low, high: of the measured values, (K,), NaN of a component that nobody measured.
@@ -79,10 +79,10 @@ def ranges_of(
     Raises:
         InputError: a range of what the state does not have.
     """
-    for name in given:
+    for name in start:
         if name not in names:
             raise InputError(f"start.{name}", "is no component of the state", f"known: {', '.join(names)}")
-    ranges = {name: [float(v) for v in given[name]] for name in given}
+    ranges = {name: [float(v) for v in start[name]] for name in start}
     for name, least, greatest in zip(names, low, high, strict=True):
         if name not in ranges and least <= greatest:
             margin = max(0.1 * (greatest - least), 1e-3 * max(abs(least), abs(greatest)), 1e-9)

@@ -169,8 +169,8 @@ def build_decoder(
     return _one_a_seed(lambda: Decoder(system, _interaction(system, interaction, latent, times)), seeds)
 
 
-def _interaction(system: System, given: Part, latent: object, times: Tensor) -> nn.Module:
-    return interaction_of(_make("interaction", given, system=system, latent=latent, times=times), system)
+def _interaction(system: System, spec: Part, latent: object, times: Tensor) -> nn.Module:
+    return interaction_of(_make("interaction", spec, system=system, latent=latent, times=times), system)
 
 
 def _one_a_seed(build: Callable[[], Network], seeds: Sequence[int]) -> Network:
@@ -183,25 +183,25 @@ def _one_a_seed(build: Callable[[], Network], seeds: Sequence[int]) -> Network:
     return stack(models)
 
 
-def _resolved(part: str, given: Part) -> tuple[type, str, dict]:
+def _resolved(part: str, spec: Part) -> tuple[type, str, dict]:
     """Class, name for messages and arguments of any form of a part."""
     where = f"model.{part}.kind"
-    if isinstance(given, Mapping):
-        arguments = dict(given)
+    if isinstance(spec, Mapping):
+        arguments = dict(spec)
         kind = arguments.pop("kind", None)
         return registry.find(PARTS[part], kind, where), str(kind), arguments
-    if isinstance(given, partial):
-        if given.args:
+    if isinstance(spec, partial):
+        if spec.args:
             raise InputError(f"model.{part}", "arguments without a name", "give them by name in functools.partial")
-        return registry.check(PARTS[part], given.func, where), getattr(given.func, "__name__", ""), dict(given.keywords)
-    if not inspect.isclass(given):
-        class_name, remedy = type(given).__name__, "give a class, functools.partial of it, or a mapping with kind"
+        return registry.check(PARTS[part], spec.func, where), getattr(spec.func, "__name__", ""), dict(spec.keywords)
+    if not inspect.isclass(spec):
+        class_name, remedy = type(spec).__name__, "give a class, functools.partial of it, or a mapping with kind"
         raise InputError(f"model.{part}", f"found {class_name}", remedy)
-    return registry.check(PARTS[part], given, where), given.__name__, {}
+    return registry.check(PARTS[part], spec, where), spec.__name__, {}
 
 
-def _make(part: str, given: Part, **fixed: object) -> nn.Module:
-    cls, name, arguments = _resolved(part, given)
+def _make(part: str, spec: Part, **fixed: object) -> nn.Module:
+    cls, name, arguments = _resolved(part, spec)
     accepted = registry.arguments(cls)
     if accepted is not None:
         free = sorted(set(accepted) - set(fixed))

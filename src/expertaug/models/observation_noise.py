@@ -17,29 +17,29 @@ NoiseLike = float | Sequence[float]  # of all components, or of each
 GivenNoise = float | Mapping[str, float] | str  # as settings say it
 
 
-def noise_of(given: GivenNoise, system: System, card: ModelCard) -> NoiseLike:
+def noise_of(noise: GivenNoise, system: System, card: ModelCard) -> NoiseLike:
     """What settings say of the noise, as numbers.
 
     Arguments:
-        given: one number, one by component, or ``estimated``.
+        noise: one number, one by component, or ``estimated``.
         card: of a model; it knows what was estimated from its training set.
 
     Raises:
         InputError: a name that is no component's, or nothing was estimated.
     """
-    if isinstance(given, int | float):
-        return float(given)
+    if isinstance(noise, int | float):
+        return float(noise)
     names = [p.name for p in system.state]
-    if given == ESTIMATED:
+    if noise == ESTIMATED:
         estimated = card.data_noise
         if estimated is None:
             raise InputError("noise", "estimated, but the training set does not say it", "give a number")
         return [float(value) for value in estimated]
-    assert isinstance(given, Mapping)
-    for name in given:
+    assert isinstance(noise, Mapping)
+    for name in noise:
         if name not in names:
             raise InputError(f"noise.{name}", "is no component of the state", f"known: {', '.join(names)}")
-    return [float(given.get(name, 0.0)) for name in names]
+    return [float(noise.get(name, 0.0)) for name in names]
 
 
 def is_some(noise: NoiseLike) -> bool:

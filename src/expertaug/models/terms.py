@@ -52,17 +52,17 @@ class Term:
             expression.names(self.text, "term")
 
     @classmethod
-    def of(cls, given: Term | str) -> Term:
+    def of(cls, term: Term | str) -> Term:
         """From ``rate: text``.
 
         Raises:
             InputError: it is not of this form.
         """
-        if isinstance(given, Term):
-            return given
-        rate, colon, text = str(given).partition(":")
+        if isinstance(term, Term):
+            return term
+        rate, colon, text = str(term).partition(":")
         if not colon or not text.strip():
-            raise InputError("term", f"found {given!r}", "write it as 'rate: expression', such as 'omega: omega'")
+            raise InputError("term", f"found {term!r}", "write it as 'rate: expression', such as 'omega: omega'")
         return cls(rate.strip(), text.strip())
 
     def __str__(self) -> str:

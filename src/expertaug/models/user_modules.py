@@ -90,8 +90,8 @@ class UserEncoder(_UserModule):
         """(T1, …, B, *state) → q(z_e, z_a)."""
         forms: list[Form] = []
 
-        def finish(found: object) -> Parts:
-            form, tensors = self._taken_apart(found, observed.shape[-1 - len(self.system.state_shape)])
+        def finish(result: object) -> Parts:
+            form, tensors = self._taken_apart(result, observed.shape[-1 - len(self.system.state_shape)])
             forms.append(form)
             return tensors
 
@@ -102,26 +102,26 @@ class UserEncoder(_UserModule):
             _put_together(z_e, of_z_e, *tensors[:2]), _put_together(z_a, of_z_a, *tensors[2:4]), *tensors[4:]
         )
 
-    def _taken_apart(self, found: object, samples: int) -> tuple[Form, Parts]:
+    def _taken_apart(self, result: object, samples: int) -> tuple[Form, Parts]:
         """One seed's result → kinds of both distributions, and tensors: two of each, z_a_used and filtered."""
-        if isinstance(found, Posterior):
-            parts = (found.z_e, found.z_a)
+        if isinstance(result, Posterior):
+            parts = (result.z_e, result.z_a)
             for part in parts:
                 if type(part) not in (Delta, Gaussian):
                     raise InputError(
                         self.where, f"{self.name} returns a {type(part).__name__}", "use Delta or Gaussian"
                     )
-            self._check("z_e", found.z_e.mean, samples, len(self.system.expert_parameters))
-            self._check("z_a", found.z_a.mean, samples, self.latent)
+            self._check("z_e", result.z_e.mean, samples, len(self.system.expert_parameters))
+            self._check("z_a", result.z_a.mean, samples, self.latent)
             return (
                 tuple((type(part), getattr(part, "parameters", None)) for part in parts),
-                (*_tensors(found.z_e), *_tensors(found.z_a), found.z_a_used, found.filtered),
+                (*_tensors(result.z_e), *_tensors(result.z_a), result.z_a_used, result.filtered),
             )
-        z_e, *rest = found if isinstance(found, tuple) else (found,)
+        z_e, *rest = result if isinstance(result, tuple) else (result,)
         if not isinstance(z_e, Tensor) or len(rest) > 1:
             raise InputError(
                 self.where,
-                f"{self.name} returns {type(found).__name__}",
+                f"{self.name} returns {type(result).__name__}",
                 "return a tensor (B, P), a tuple (z_e, z_a) or a Posterior",
             )
         z_a = rest[0] if rest else z_e.new_zeros(samples, 0)
@@ -177,23 +177,23 @@ class UserInteraction(_UserModule):
         arguments = [(y, 1 + rank), (context, 2), *((tensor, 2) for tensor in known)]
         return self._one("forward", arguments, lambda result: self._rates(result, y.shape[-1 - rank :]))
 
-    def _one(self, method: str, given: Sequence[tuple[Tensor, int]], finish: Callable) -> Tensor:
+    def _one(self, method: str, arguments: Sequence[tuple[Tensor, int]], finish: Callable) -> Tensor:
         """What a method gives for tensors with so many axes each without one of seeds."""
-        axes = [self._axis(tensor, alone) for tensor, alone in given]
-        return self.each(method, [tensor for tensor, _ in given], axes, lambda result: (finish(result),))[0]
+        axes = [self._axis(tensor, alone) for tensor, alone in arguments]
+        return self.each(method, [tensor for tensor, _ in arguments], axes, lambda result: (finish(result),))[0]
 
-    def _context(self, found: object, samples: int) -> Tensor:
-        if not isinstance(found, Tensor) or found.dim() != 2 or len(found) != samples:
-            raise InputError(self.where, f"{self.name}.context gives {_shape(found)}", f"make it ({samples}, width)")
-        return found
+    def _context(self, context: object, samples: int) -> Tensor:
+        if not isinstance(context, Tensor) or context.dim() != 2 or len(context) != samples:
+            raise InputError(self.where, f"{self.name}.context gives {_shape(context)}", f"make it ({samples}, width)")
+        return context
 
-    def _rates(self, found: object, shape: torch.Size) -> Tensor:
-        if not isinstance(found, Tensor) or found.shape != shape:
+    def _rates(self, rates: object, shape: torch.Size) -> Tensor:
+        if not isinstance(rates, Tensor) or rates.shape != shape:
             raise InputError(
-                self.where, f"{self.name} gives {_shape(found)}", f"give rates of the states' shape {tuple(shape)}"
+                self.where, f"{self.name} gives {_shape(rates)}", f"give rates of the states' shape {tuple(shape)}"
             )
-        return found
+        return rates
 
 
-def _shape(found: object) -> str:
-    return f"shape {tuple(found.shape)}" if isinstance(found, Tensor) else type(found).__name__
+def _shape(value: object) -> str:
+    return f"shape {tuple(value.shape)}" if isinstance(value, Tensor) else type(value).__name__

@@ -258,21 +258,21 @@ def _called(call: Callable, where: str, name: str, how: str = "", tensor: bool =
     return result
 
 
-def _check_tensor(found: Tensor, shape: tuple[int, ...] | None, dtype: torch.dtype, where: str, name: str) -> None:
-    if shape is not None and tuple(found.shape) != shape:
-        raise InputError(where, f"{name} gives shape {tuple(found.shape)}", f"give {shape}: (samples, *state)")
-    if found.dtype != dtype:
+def _check_tensor(tensor: Tensor, shape: tuple[int, ...] | None, dtype: torch.dtype, where: str, name: str) -> None:
+    if shape is not None and tuple(tensor.shape) != shape:
+        raise InputError(where, f"{name} gives shape {tuple(tensor.shape)}", f"give {shape}: (samples, *state)")
+    if tensor.dtype != dtype:
         remedy = f"give {dtype}: make constants with the states' precision, as torch.zeros_like(y) or y.new_tensor(…)"
-        raise InputError(where, f"{name} gives {found.dtype} for {dtype}", remedy)
-    if not torch.isfinite(found).all():
+        raise InputError(where, f"{name} gives {tensor.dtype} for {dtype}", remedy)
+    if not torch.isfinite(tensor).all():
         raise InputError(where, f"{name} gives a value that is not finite", "check it at typical states and parameters")
 
 
-def _close(found: Tensor, expected: Tensor) -> bool:
-    if found.shape != expected.shape:
+def _close(actual: Tensor, expected: Tensor) -> bool:
+    if actual.shape != expected.shape:
         return False
     size = float(expected.abs().max()) if expected.numel() else 0.0
-    return torch.allclose(found, expected, rtol=TOLERANCE, atol=TOLERANCE * size)
+    return torch.allclose(actual, expected, rtol=TOLERANCE, atol=TOLERANCE * size)
 
 
 def _brief(value: object) -> str:

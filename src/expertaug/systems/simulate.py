@@ -114,14 +114,14 @@ def _seed_of(seed: int, name: str) -> int:
 def _inputs(
     system: System,
     ranges: Mapping[str, Sequence[float]] | None,
-    given: np.ndarray | None,
+    values: np.ndarray | None,
     n: int,
     t: Tensor,
     generator: torch.Generator,
 ) -> Tensor | None:
     """Known inputs (n, T, U), as precise as a file holds them; None for a system without."""
-    if given is not None:
-        u = torch.as_tensor(np.asarray(given, dtype=np.float32)).double()
+    if values is not None:
+        u = torch.as_tensor(np.asarray(values, dtype=np.float32)).double()
         if u.shape[:2] != (n, len(t)) or u.dim() != 3 or not torch.isfinite(u).all():
             raise InputError("u", f"has shape {tuple(u.shape)}", f"give finite inputs ({n}, {len(t)}, U)")
         check_given(system, u)
