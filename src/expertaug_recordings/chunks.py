@@ -153,18 +153,18 @@ def _fit(recordings: Sequence[Recording], step: int, job: SplitChunksJob) -> Fit
     return fit_constants(padded, 1 / job.rate_hz, friction=True)
 
 
-def _energy(one: Recording, fit: Fit, job: SplitChunksJob) -> np.ndarray:
+def _energy(recording: Recording, fit: Fit, job: SplitChunksJob) -> np.ndarray:
     """Of each frame in s⁻², (n,)."""
-    return single_energy(*one.y.T, fit.constants.G1) if job.single else energy(one.y, fit.constants)
+    return single_energy(*recording.y.T, fit.constants.G1) if job.single else energy(recording.y, fit.constants)
 
 
-def _series(one: Recording, row_s: float, level: np.ndarray, single: bool) -> Series:
+def _series(recording: Recording, row_s: float, level: np.ndarray, single: bool) -> Series:
     """A recording's frames as points of a grid."""
-    n = len(one.frame)
+    n = len(recording.frame)
     t, none = np.arange(n) * row_s, np.zeros((n, 0))
-    z_e = np.sqrt([fit_single(one.known, one.rate_hz)[0].constants.G1]) if single else np.full(2, np.nan)
-    rows = Rows(one.name, one.path, one.frame, t, one.y, none, z_e, level, None, 0)
-    return Series(rows, t, np.arange(n), one.y, none, one.measured, level, None)
+    z_e = np.sqrt([fit_single(recording.known, recording.rate_hz)[0].constants.G1]) if single else np.full(2, np.nan)
+    rows = Rows(recording.name, recording.path, recording.frame, t, recording.y, none, z_e, level, None, 0)
+    return Series(rows, t, np.arange(n), recording.y, none, recording.measured, level, None)
 
 
 def _as_measurements(recordings: Sequence[Recording], state: Sequence[str], job: SplitChunksJob) -> MeasurementSettings:

@@ -126,15 +126,15 @@ def _of_trajectories(
     return table
 
 
-def _told(forecast: Forecast, found: Windows, observed: int) -> Iterator[str]:
+def _told(forecast: Forecast, windows: Windows, observed: int) -> Iterator[str]:
     """For each trajectory: from when to when, its estimates, and whether to trust it."""
     seeds, several = len(forecast.seeds), len(forecast.seeds) > 1
 
     def of_seeds(values: Array) -> np.ndarray:
-        return np.asarray(values.cpu() if isinstance(values, Tensor) else values).reshape(seeds, len(found.names))
+        return np.asarray(values.cpu() if isinstance(values, Tensor) else values).reshape(seeds, len(windows.names))
 
-    for k, name in enumerate(found.names):
-        begin, end = found.start_s[k] + forecast.t[observed - 1], found.start_s[k] + forecast.t[-1]
+    for k, name in enumerate(windows.names):
+        begin, end = windows.start_s[k] + forecast.t[observed - 1], windows.start_s[k] + forecast.t[-1]
         parts = [f"{name}: from {begin:.6g} to {end:.6g} s"]
         for parameter, values in forecast.z_e.items():
             each = of_seeds(values)[:, k]

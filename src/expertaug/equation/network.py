@@ -50,7 +50,7 @@ class Learned:
 @torch.no_grad()
 def learned(
     decoder: Decoder,
-    found: Estimates,
+    estimates: Estimates,
     states: Tensor,
     t: Tensor,
     u: Tensor | None,
@@ -63,7 +63,7 @@ def learned(
 
     Arguments:
         decoder: with F_a.
-        found: estimates of N windows.
+        estimates: of N windows.
         states: forecasts of them, (T, S, N, *state).
         t: times in s, (T,).
         u: known inputs (T, S, N, U); None for a system without.
@@ -73,8 +73,8 @@ def learned(
         own: whether a coefficient may be each window's own.
     """
     system = decoder.system
-    assert decoder.interaction is not None and found.z_e is not None and found.z_a is not None
-    context = decoder.context(found.z_a, found.z_e)
+    assert decoder.interaction is not None and estimates.z_e is not None and estimates.z_a is not None
+    context = decoder.context(estimates.z_a, estimates.z_e)
     values = [
         decoder.interaction_rate(y, context, t[k].to(y), None if u is None else u[k]) for k, y in enumerate(states)
     ]
@@ -91,7 +91,7 @@ def learned(
         parts = []
         for first in range(0, states.shape[2], size):
             part = slice(first, first + size)
-            y, z_e = states[:, seed, part].double(), found.z_e[seed, part].double()
+            y, z_e = states[:, seed, part].double(), estimates.z_e[seed, part].double()
             inputs = None if u is None else u[:, seed, part].double()
             design = _design(system, terms, acts, y, z_e, inputs, t)  # (K, T, N, rates, *cells)
             wide = sizes[acts].view(-1, *[1] * (-lead - 1))

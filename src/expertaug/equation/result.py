@@ -171,9 +171,9 @@ def latex_of(system: System, coefficients: Sequence[Coefficient]) -> str:
     return r" \\ ".join(lines)
 
 
-def _signed(one: Coefficient) -> str:
-    number = rounded(abs(one.value), one.error)
-    return f"{'-' if one.value < 0 else '+'} {number}"
+def _signed(coefficient: Coefficient) -> str:
+    number = rounded(abs(coefficient.value), coefficient.error)
+    return f"{'-' if coefficient.value < 0 else '+'} {number}"
 
 
 def source_of(system: System, coefficients: Sequence[Coefficient], name: str) -> str:

@@ -235,8 +235,10 @@ class Search:
         )
         count = train.count
 
-        def row(name: str, one: Tried) -> Row:
-            return Row(name, str(one.formula), math.log(max(one.score, 1e-300)), one.formula.freedom(count))
+        def row(name: str, candidate: Tried) -> Row:
+            return Row(
+                name, str(candidate.formula), math.log(max(candidate.score, 1e-300)), candidate.formula.freedom(count)
+            )
 
         rows = [row(EXPERT, alone)]
         if self.decoder.interaction is not None:

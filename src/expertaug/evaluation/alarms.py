@@ -207,35 +207,35 @@ def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[t
     return assessed
 
 
-def _pooled(one: WindowSet, other: WindowSet) -> WindowSet:
+def _pooled(first: WindowSet, second: WindowSet) -> WindowSet:
     hats = None
-    if one.z_e_hat is not None and other.z_e_hat is not None:
-        hats = np.concatenate((one.z_e_hat, other.z_e_hat), axis=1)
+    if first.z_e_hat is not None and second.z_e_hat is not None:
+        hats = np.concatenate((first.z_e_hat, second.z_e_hat), axis=1)
     expected = None
-    if one.expected is not None and other.expected is not None:
-        expected = np.concatenate((one.expected, other.expected), axis=1)
+    if first.expected is not None and second.expected is not None:
+        expected = np.concatenate((first.expected, second.expected), axis=1)
     return WindowSet(
-        np.concatenate((one.errors, other.errors), axis=1),
-        np.concatenate((one.misfit, other.misfit), axis=1),
-        np.concatenate((one.z_e, other.z_e)),
+        np.concatenate((first.errors, second.errors), axis=1),
+        np.concatenate((first.misfit, second.misfit), axis=1),
+        np.concatenate((first.z_e, second.z_e)),
         hats,
         expected=expected,
     )
 
 
-def _score(score: str, windows: WindowSet, known: WindowSet, seed: int) -> np.ndarray | None:
+def _score(score: str, windows: WindowSet, validation: WindowSet, seed: int) -> np.ndarray | None:
     """A score a window, (N,); None where a version has none."""
     if score == "misfit":
         return _no_nan(windows.misfit[seed])
     if score == "expected":
         return None if windows.expected is None else _no_nan(windows.expected[seed])
-    if windows.z_e_hat is None or known.z_e_hat is None:
+    if windows.z_e_hat is None or validation.z_e_hat is None:
         return None
     if score == "spread":
-        scale = _no_nan(known.z_e_hat).std((0, 1)).clip(1e-12)
+        scale = _no_nan(validation.z_e_hat).std((0, 1)).clip(1e-12)
         spread = ensemble_spread(_no_nan(windows.z_e_hat), scale) if len(windows.z_e_hat) > 1 else None
         return spread if spread is not None and spread.any() else None  # least squares is one estimator, not several
-    own = _no_nan(known.z_e_hat[seed])
+    own = _no_nan(validation.z_e_hat[seed])
     centred, mean = own - own.mean(0), own.mean(0)
     covariance = np.atleast_2d(centred.T @ centred / len(own)) + 1e-12 * np.eye(own.shape[1])
     away = _no_nan(windows.z_e_hat[seed]) - mean

@@ -134,9 +134,9 @@ def _looks(names: Iterable[str]) -> list[tuple[str, plotting.Look]]:
     return [(name, LOOKS[k % len(LOOKS)]) for k, name in enumerate(names)]
 
 
-def _ranks(axis: Axes, found: Calibration, parameters: Sequence[str]) -> None:
+def _ranks(axis: Axes, calibration: Calibration, parameters: Sequence[str]) -> None:
     """The distribution of ranks less the uniform one."""
-    test = uniformity(found.marginal, found.draws)
+    test = uniformity(calibration.marginal, calibration.draws)
     x = _closed(test.level)
     axis.fill_between(x, _closed(test.lower) - x, _closed(test.upper) - x, **BAND)
     axis.axhline(0, **IDEAL)
@@ -148,23 +148,23 @@ def _ranks(axis: Axes, found: Calibration, parameters: Sequence[str]) -> None:
     axis.margins(x=0)
 
 
-def _intervals(axis: Axes, found: Calibration, parameters: Sequence[str]) -> None:
+def _intervals(axis: Axes, calibration: Calibration, parameters: Sequence[str]) -> None:
     """Central intervals of each parameter, and regions of highest density of all."""
-    covered = interval_coverage(found.marginal, found.draws, LEVELS)
-    test = uniformity(found.tarp if found.density is None else found.density, found.draws)
+    covered = interval_coverage(calibration.marginal, calibration.draws, LEVELS)
+    test = uniformity(calibration.tarp if calibration.density is None else calibration.density, calibration.draws)
     _diagonal(axis, test)
     for k, (_, look) in enumerate(_looks(parameters)):
         axis.plot(_closed(covered.level), _closed(covered.share[:, k]), **look)
-    if found.density is not None:
+    if calibration.density is not None:
         axis.plot(_closed(test.level), _closed(test.share), **WHOLE)
         _note(axis, f"highest density\n{_p_text(float(test.p_value))}")
 
 
-def _tarp(axis: Axes, found: Calibration) -> None:
-    test = uniformity(found.tarp, found.draws)
+def _tarp(axis: Axes, calibration: Calibration) -> None:
+    test = uniformity(calibration.tarp, calibration.draws)
     _diagonal(axis, test)
     axis.plot(_closed(test.level), _closed(test.share), **WHOLE)
-    area = f"{float(area_to_curve(found.tarp, found.draws)):+.3f}".replace("-", "−")
+    area = f"{float(area_to_curve(calibration.tarp, calibration.draws)):+.3f}".replace("-", "−")
     _note(axis, f"area {area}\n{_p_text(float(test.p_value))}")
 
 
@@ -188,12 +188,12 @@ def _p_text(p: float) -> str:
     return "p < 0.001" if p < 0.001 else f"p = {p:.3f}" if p < 0.1 else f"p = {p:.2f}"
 
 
-def _area_text(found: Assessment) -> str:
+def _area_text(assessment: Assessment) -> str:
     """AUROC with its interval and the share caught, as far as there are windows to tell."""
-    area = found.area
+    area = assessment.area
     if not area.failing:
-        return f"{100 * found.false_alarms:.0f} % false alarms"
-    caught = f"{100 * found.caught:.0f} % caught"
+        return f"{100 * assessment.false_alarms:.0f} % false alarms"
+    caught = f"{100 * assessment.caught:.0f} % caught"
     if not area.others:
         return caught
     interval = "" if np.isnan(area.lower) else f" ({area.lower:.3f} to {area.upper:.3f})"

@@ -53,9 +53,9 @@ class Mean:
     high: float = np.nan
 
     @classmethod
-    def of(cls, known: Interval, most: float = np.inf) -> Mean:
+    def of(cls, estimate: Interval, most: float = np.inf) -> Mean:
         """``most``: what no value exceeds."""
-        return cls(known.mean, float(np.minimum(known.low, most)), float(np.minimum(known.high, most)))
+        return cls(estimate.mean, float(np.minimum(estimate.low, most)), float(np.minimum(estimate.high, most)))
 
     def text(self, digits: int) -> str:
         """As it is printed; – where it is not known."""

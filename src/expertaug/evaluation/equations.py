@@ -117,13 +117,13 @@ class EquationRow:
     survival: float = np.nan
 
 
-def _rows(version: str, label: str, one: Found) -> Iterator[EquationRow]:
-    for row in one.rows:
+def _rows(version: str, label: str, result: Found) -> Iterator[EquationRow]:
+    for row in result.rows:
         yield EquationRow(version, label, row.name, row.terms, row.log_mse)
-    for c in one.coefficients:
+    for c in result.coefficients:
         numbers = (c.value, c.error, c.spread, c.validation, c.validation_error, c.verdict, c.survival)
         yield EquationRow(version, label, "coefficient", str(c.term), np.nan, *numbers)
-    for name, (value, error) in one.constants.items():
+    for name, (value, error) in result.constants.items():
         yield EquationRow(version, label, "constant", name, value=value, error=error)
 
 
@@ -133,8 +133,11 @@ def _numbers(c: Coefficient) -> list[str]:
     return [*texts, c.verdict]
 
 
-def _notes(label: str, one: Found) -> Iterator[str]:
-    if np.isfinite(one.explained):
-        yield f"{label}: the terms explain {100 * one.explained:.0f} % of F_a's square at the training windows' states."
-    if one.ties:
-        yield f"{label}: as good within one standard error: {'; '.join(one.ties)}."
+def _notes(label: str, result: Found) -> Iterator[str]:
+    if np.isfinite(result.explained):
+        yield (
+            f"{label}: the terms explain {100 * result.explained:.0f} % of F_a's square "
+            "at the training windows' states."
+        )
+    if result.ties:
+        yield f"{label}: as good within one standard error: {'; '.join(result.ties)}."

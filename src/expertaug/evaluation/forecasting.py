@@ -143,17 +143,17 @@ class Drawing:
     draws_solver: Solver
 
     def states(
-        self, model: Predictor, found: Estimates, windows: Windows, bound: Tensor | None, random: RandomStreams
+        self, model: Predictor, estimates: Estimates, windows: Windows, bound: Tensor | None, random: RandomStreams
     ) -> Tensor | None:
         """Forecasts (K, T', S, B, *state) from draws, from the point ``begin`` on; None of a version without any.
 
         Arguments:
-            found: the model's estimates of the windows.
+            estimates: the model's, of the windows.
             windows: y (T, S, B, *state), of which the observed points are used, and all known inputs.
             bound: (C,) or (B, C), how far they may go.
         """
         observed = windows.observed(self.observed)
-        drawn = joint_draws(model, found, observed, self.count, random)
+        drawn = joint_draws(model, estimates, observed, self.count, random)
         if drawn is None:
             return None
         z_e, z_a, y0 = drawn
@@ -168,7 +168,7 @@ class Drawing:
         return states[:, self.begin - first :]
 
     def scores(
-        self, model: Predictor, found: Estimates, windows: Windows, bound: Tensor | None, random: RandomStreams
+        self, model: Predictor, estimates: Estimates, windows: Windows, bound: Tensor | None, random: RandomStreams
     ) -> DrawnScores | None:
         """Scores of windows, y (T, S, B, *state), a part of them at a time; arguments as of :meth:`states`."""
         each = self.count * len(self.t) * windows.numbers * windows.y.element_size()
@@ -176,7 +176,7 @@ class Drawing:
         for k in range(0, windows.y.shape[2], size):
             part = slice(k, k + size)
             limit = bound if bound is None or bound.dim() == 1 else bound[part]
-            states = self.states(model, found.part(part), windows.samples(part), limit, random)
+            states = self.states(model, estimates.part(part), windows.samples(part), limit, random)
             if states is None:
                 return None
             if is_some(self.noise):  # (S, K, T', B, *state): a seed's numbers do not depend on the seeds beside it
@@ -200,10 +200,10 @@ class Drawing:
         return DrawnScores(*(np.stack(scores) for scores in each))
 
     def band(
-        self, model: Predictor, found: Estimates, windows: Windows, bound: Tensor | None, random: RandomStreams
+        self, model: Predictor, estimates: Estimates, windows: Windows, bound: Tensor | None, random: RandomStreams
     ) -> Tensor | None:
         """The ends of the 90 % band of each state, without noise, (2, T', S, B, *state)."""
-        states = self.states(model, found, windows, bound, random)
+        states = self.states(model, estimates, windows, bound, random)
         if states is None:
             return None
         return torch.quantile(states, torch.tensor(BAND).to(states), dim=0)
@@ -228,12 +228,12 @@ def drawing_of(
     )
 
 
-def _mean_where(known: np.ndarray, values: np.ndarray, axes: int | tuple[int, ...]) -> np.ndarray:
+def _mean_where(measured: np.ndarray, values: np.ndarray, axes: int | tuple[int, ...]) -> np.ndarray:
     """Mean over axes of what was measured; NaN where nothing was."""
-    if known.all():
+    if measured.all():
         return values.mean(axes)
-    count = known.sum(axes)
-    return np.where(known, values, 0.0).sum(axes) / np.where(count > 0, count, np.nan)
+    count = measured.sum(axes)
+    return np.where(measured, values, 0.0).sum(axes) / np.where(count > 0, count, np.nan)
 
 
 KEY = 7  # of random numbers

@@ -95,13 +95,13 @@ def constants_of(
     return constants
 
 
-def _deviation(one: Population) -> float:
+def _deviation(population: Population) -> float:
     """Standard deviation of a distribution, in the parameter's unit; of a wide lognormal one it is well above its
     median times that of the logarithm."""
-    if one.form == "normal":
-        return one.spread.value
-    square = one.spread.value**2
-    return one.middle.value * math.exp(square / 2) * math.sqrt(math.expm1(square))
+    if population.form == "normal":
+        return population.spread.value
+    square = population.spread.value**2
+    return population.middle.value * math.exp(square / 2) * math.sqrt(math.expm1(square))
 
 
 @dataclass(frozen=True)

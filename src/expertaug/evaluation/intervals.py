@@ -126,7 +126,7 @@ def log_median(errors: np.ndarray, unit: np.ndarray) -> Resampled:
     return Resampled(np.log(np.median(errors, axis=1)), np.log(drawn), int(unit.max()) + 1)
 
 
-def interval(found: Resampled, not_negative: bool = False) -> Interval:
+def interval(statistic: Resampled, not_negative: bool = False) -> Interval:
     """The mean over seeds with its interval; of one seed it contains the spread over samples alone, and p is NaN.
 
     Arguments:
@@ -134,11 +134,11 @@ def interval(found: Resampled, not_negative: bool = False) -> Interval:
             whose ends are taken back, so that none lies below 0. Where a resample's mean is 0, which has no logarithm,
             the plain interval is cut off at 0. A mean of 0 is no hypothesis then: p is NaN.
     """
-    mean, seeds = float(found.value.mean()), len(found.value)
-    plain = _interval(mean, deviations(found), seeds)
+    mean, seeds = float(statistic.value.mean()), len(statistic.value)
+    plain = _interval(mean, deviations(statistic), seeds)
     if not not_negative:
         return plain
-    far = _log_deviations(found)
+    far = _log_deviations(statistic)
     if far is None:
         return replace(plain, low=float(np.maximum(plain.low, 0.0)), p=np.nan)
     ends = _interval(float(np.log(mean)), far, seeds)
@@ -153,14 +153,14 @@ def of_seeds(values: np.ndarray, not_negative: bool = False) -> Interval:
     return interval(Resampled(values, np.tile(values, (RESAMPLES, 1)), 2), not_negative)  # samples do not differ
 
 
-def standard_error(found: Resampled) -> float:
+def standard_error(statistic: Resampled) -> float:
     """Of the mean over seeds: what two thirds of the deviations stay below, since with few seeds their square has no
     mean; NaN of a single unit."""
-    far = np.abs(deviations(found))
+    far = np.abs(deviations(statistic))
     return float(np.quantile(far, ONE_DEVIATION)) if np.isfinite(far).all() else np.nan
 
 
-def against(found: Resampled, mean: float, std: float, runs: int, rounded: float = 0.0) -> Interval:
+def against(statistic: Resampled, mean: float, std: float, runs: int, rounded: float = 0.0) -> Interval:
     """The difference of a mean over seeds from a published one.
 
     Theirs is as far from what it estimates as ``runs`` values of a normal distribution let it be; how their samples
@@ -174,29 +174,29 @@ def against(found: Resampled, mean: float, std: float, runs: int, rounded: float
     theirs = rounded * rng.uniform(-0.5, 0.5, RESAMPLES)
     if runs > 1:
         theirs += std / np.sqrt(runs) * rng.standard_t(runs - 1, RESAMPLES)
-    return _interval(float(found.value.mean()) - mean, deviations(found) - theirs, len(found.value))
+    return _interval(float(statistic.value.mean()) - mean, deviations(statistic) - theirs, len(statistic.value))
 
 
-def deviations(found: Resampled) -> np.ndarray:
+def deviations(statistic: Resampled) -> np.ndarray:
     """How far the mean over seeds may be from what it estimates, (RESAMPLES,); NaN of a single unit."""
-    seeds, centre = len(found.value), found.value.mean()
-    of_samples = found.drawn.mean(1)
-    far = (of_samples - centre) * _widened(found.units, "samples")
+    seeds, centre = len(statistic.value), statistic.value.mean()
+    of_samples = statistic.drawn.mean(1)
+    far = (of_samples - centre) * _widened(statistic.units, "samples")
     if seeds > 1:
         weights = resamples(seeds, "seeds").T / seeds
-        far = far + ((found.drawn - of_samples[:, None]) * weights).sum(1) * _widened(seeds, "seeds")
+        far = far + ((statistic.drawn - of_samples[:, None]) * weights).sum(1) * _widened(seeds, "seeds")
     return far
 
 
-def _log_deviations(found: Resampled) -> np.ndarray | None:
+def _log_deviations(statistic: Resampled) -> np.ndarray | None:
     """How far the logarithm of the mean over seeds may be from what it estimates, (RESAMPLES,); None where a mean is 0:
     as :func:`deviations`, with quotients in the place of differences."""
-    seeds, centre = len(found.value), found.value.mean()
-    of_samples = found.drawn.mean(1)
-    of_both = (found.drawn * resamples(seeds, "seeds").T).sum(1) / seeds
+    seeds, centre = len(statistic.value), statistic.value.mean()
+    of_samples = statistic.drawn.mean(1)
+    of_both = (statistic.drawn * resamples(seeds, "seeds").T).sum(1) / seeds
     if not (centre > 0 and (of_samples > 0).all() and (of_both > 0).all()):
         return None
-    far = np.log(of_samples / centre) * _widened(found.units, "samples")
+    far = np.log(of_samples / centre) * _widened(statistic.units, "samples")
     return far + np.log(of_both / of_samples) * _widened(seeds, "seeds") if seeds > 1 else far
 
 

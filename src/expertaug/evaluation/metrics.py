@@ -193,9 +193,9 @@ def log_mse_of(convention: str) -> Metric:
     return LOG_MSE[convention]
 
 
-def first_metrics(known: Iterable[str], convention: str) -> list[str]:
-    """Of known metrics those that figures and first tables show: the log-MSE in a convention, then others."""
-    names, own = set(known), log_mse_of(convention)
+def first_metrics(metrics: Iterable[str], convention: str) -> list[str]:
+    """Those metrics that figures and first tables show: the log-MSE in a convention, then others."""
+    names, own = set(metrics), log_mse_of(convention)
     shown = [m for m in METRICS if m.shown is Shown.FIRST and m.convention in (None, own.convention)]
     return [m.name for m in shown if m.name in names]
 

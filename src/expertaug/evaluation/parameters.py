@@ -82,13 +82,15 @@ def is_unknown(data: Forecasts, column: int) -> bool:
 
 def _histograms(
     axes: Mapping[str, Axes],
-    found: Mapping[str, Forecasts],
+    by_method: Mapping[str, Forecasts],
     column: int,
     colours: Mapping[str, Sequence[float]],
     priors: Mapping[str, Sequence[float] | None],
 ) -> None:
     """Histograms of the estimates of one parameter, an axis a method: filled of the test set, of others an outline."""
-    each = [data.estimates[n][data.places, :, column] for data in found.values() for n in drawn_sets(data.estimates)]
+    each = [
+        data.estimates[n][data.places, :, column] for data in by_method.values() for n in drawn_sets(data.estimates)
+    ]
     pooled = np.concatenate([values.ravel() for values in each])
     pooled = pooled[np.isfinite(pooled)]
     ends = np.quantile(pooled, [TAIL, 1 - TAIL]) if len(pooled) else np.array([0.0, 1.0])
@@ -97,7 +99,7 @@ def _histograms(
     margin = 0.05 * ((high - low) or 1.0)
     edges = np.linspace(low - margin, high + margin, BINS + 1)
     for method, axis in axes.items():
-        data = found[method]
+        data = by_method[method]
         for name in drawn_sets(data.estimates):
             counts, _ = np.histogram(data.estimates[name][data.places, :, column], edges)
             height = counts / max(counts.max(initial=0), 1)

@@ -93,6 +93,6 @@ def provenance_table(record: RunRecord, job: ReportJob, revision: str | None) ->
     return Table(["what", "which"], [("", rows)])
 
 
-def _row(name: str, found: list[Cost]) -> list[str]:
-    seconds, memory = [cost.seconds for cost in found], max(cost.peak_memory_mb for cost in found)
-    return [name, str(len(found)), duration(sum(seconds)), duration(max(seconds)), f"{memory:.0f}" if memory else "–"]
+def _row(name: str, costs: list[Cost]) -> list[str]:
+    seconds, memory = [cost.seconds for cost in costs], max(cost.peak_memory_mb for cost in costs)
+    return [name, str(len(costs)), duration(sum(seconds)), duration(max(seconds)), f"{memory:.0f}" if memory else "–"]

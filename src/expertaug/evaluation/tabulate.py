@@ -362,9 +362,9 @@ def _best(
     return marked
 
 
-def references(version: str, known: Iterable[str]) -> dict[str, str]:
+def references(version: str, versions: Iterable[str]) -> dict[str, str]:
     """The versions with which an augmented one is compared, of those that were run, by :data:`KINDS`."""
-    augmented, names = Version.parse(version), set(known)
+    augmented, names = Version.parse(version), set(versions)
     base = replace(augmented, step="", prior=None)
     wanted = {OVER_CONTROL: str(replace(base, step=CONTROL)), FROM_BASE: str(base)}
     return {kind: name for kind, name in wanted.items() if name in names}

@@ -134,17 +134,17 @@ def forecasts(
     return figure
 
 
-def _draw_fields(found: Mapping[str, Forecasts], reading: FigureReading, view: View, seed: int) -> Figure:
+def _draw_fields(by_method: Mapping[str, Forecasts], reading: FigureReading, view: View, seed: int) -> Figure:
     """Draw one sample's first component: a row for the truth and for each method, a column per time; beside them what
     each forecast is off by, on a scale of its own, and the root mean square of that over the whole forecast.
     """
-    methods, name = paired(found), view.set
-    first = found[methods[0]]
+    methods, name = paired(by_method), view.set
+    first = by_method[methods[0]]
     sample = farthest(first, name, view.samples or range(len(first.kept[name].index)))
     times = np.linspace(0, len(first.t) - 1, min(TIMES, len(first.t))).round().astype(int)
     later = [k for k in times if k > first.observed]
     truth = first.kept[name].truth[sample, :, 0]
-    states = {m: found[m].kept[name].prediction[found[m].seeds.index(seed), sample, :, 0] for m in methods}
+    states = {m: by_method[m].kept[name].prediction[by_method[m].seeds.index(seed), sample, :, 0] for m in methods}
     errors = [values - truth for values in states.values()]
     with plotting.styled():
         side = (plotting.WIDTH - 1.3) / (len(times) + len(later) + GAP)
@@ -369,9 +369,9 @@ def _parameters_of(data: Forecasts, name: str, sample: int) -> list[str]:
     ]
 
 
-def _check_same(paths: Mapping[str, str | Path], found: Mapping[str, Forecasts], name: str) -> None:
-    first_method, first = next(iter(found.items()))
-    for method, data in found.items():
+def _check_same(paths: Mapping[str, str | Path], by_method: Mapping[str, Forecasts], name: str) -> None:
+    first_method, first = next(iter(by_method.items()))
+    for method, data in by_method.items():
         if name not in data.kept:
             raise InputError(paths[method], f"no set {name!r}", f"it has {', '.join(data.kept)}")
         kept, other = data.kept[name], first.kept[name]
@@ -387,10 +387,10 @@ def _seed_position(path: object, data: Forecasts, seed: int) -> int:
     return data.seeds.index(seed)
 
 
-def _first_trained(found: Mapping[str, Forecasts]) -> int:
+def _first_trained(by_method: Mapping[str, Forecasts]) -> int:
     """The first seed that could be trained in every file; where there is none the first."""
-    first = next(iter(found.values()))
-    failed = {seed for data in found.values() for seed in data.failed}
+    first = next(iter(by_method.values()))
+    failed = {seed for data in by_method.values() for seed in data.failed}
     return next((seed for seed in first.seeds if seed not in failed), first.seeds[0])
 
 

@@ -148,21 +148,21 @@ def _along(name: str, k: int, fits: Mapping[str, Refit]) -> Validity:
     return along(name, z_e, chi2, *of_training)
 
 
-def _flat(one: Refit, k: int) -> tuple[Tensor, Tensor]:
-    return one.z_e[..., k].flatten(), one.chi2.flatten().nan_to_num(1e30, 1e30)
+def _flat(fit: Refit, k: int) -> tuple[Tensor, Tensor]:
+    return fit.z_e[..., k].flatten(), fit.chi2.flatten().nan_to_num(1e30, 1e30)
 
 
-def _numbers(one: Refit, limit: float) -> dict[str, float]:
+def _numbers(fit: Refit, limit: float) -> dict[str, float]:
     """Means over seeds; percent where they are shares."""
-    wrong = np.nan if one.wrong is None else 100 * float(one.wrong[0].median(1).values.mean())
+    wrong = np.nan if fit.wrong is None else 100 * float(fit.wrong[0].median(1).values.mean())
     return {
-        "explained": 100 * float((one.chi2 <= limit).double().mean()),
-        "chi2": float(one.chi2.median(1).values.mean()),
-        "chi2_after": float(one.chi2_after.median(1).values.mean()),
-        "change": 100 * float(one.change().mean()),
+        "explained": 100 * float((fit.chi2 <= limit).double().mean()),
+        "chi2": float(fit.chi2.median(1).values.mean()),
+        "chi2_after": float(fit.chi2_after.median(1).values.mean()),
+        "change": 100 * float(fit.change().mean()),
         "wrong": wrong,
-        "wrong_after": np.nan if one.wrong is None else 100 * float(one.wrong[1].median(1).values.mean()),
-        "windows": one.chi2.shape[1],
+        "wrong_after": np.nan if fit.wrong is None else 100 * float(fit.wrong[1].median(1).values.mean()),
+        "windows": fit.chi2.shape[1],
     }
 
 

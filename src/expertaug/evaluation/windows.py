@@ -126,36 +126,36 @@ def _of_trained_seeds(forecasts: Forecasts) -> VersionWindows:
     )
 
 
-def _windows(one: SetForecasts, good: list[int], count: int) -> WindowSet:
+def _windows(set_forecasts: SetForecasts, good: list[int], count: int) -> WindowSet:
     """A set's windows, of some of the seeds, without those after which nothing was measured."""
-    assert one.errors is not None and one.misfit is not None and one.z_e is not None
-    errors = one.errors[good]
+    assert set_forecasts.errors is not None and set_forecasts.misfit is not None and set_forecasts.z_e is not None
+    errors = set_forecasts.errors[good]
     measured = ~np.isnan(errors).all(0) if len(errors) else np.ones(errors.shape[1], dtype=bool)
 
     def of_seeds(values: np.ndarray | None) -> np.ndarray | None:
         return None if values is None else values[good][:, measured]
 
-    drawn = _drawn(one, good, count)
+    drawn = _drawn(set_forecasts, good, count)
     return WindowSet(
         errors[:, measured],
-        one.misfit[good][:, measured],
-        one.z_e[measured],
-        of_seeds(one.z_e_hat),
-        None if one.z_a is None else one.z_a[measured],
+        set_forecasts.misfit[good][:, measured],
+        set_forecasts.z_e[measured],
+        of_seeds(set_forecasts.z_e_hat),
+        None if set_forecasts.z_a is None else set_forecasts.z_a[measured],
         drawn and replace(drawn, ranks=drawn.ranks[:, measured], tarp=drawn.tarp[:, measured]),
-        of_seeds(one.expected),
-        of_seeds(one.moved),
+        of_seeds(set_forecasts.expected),
+        of_seeds(set_forecasts.moved),
     )
 
 
-def _drawn(one: SetForecasts, good: list[int], count: int) -> Drawn | None:
+def _drawn(set_forecasts: SetForecasts, good: list[int], count: int) -> Drawn | None:
     """What a set's draws are worth, of some of the seeds; None where there are no ranks."""
-    if one.ranks is None or one.tarp is None:
+    if set_forecasts.ranks is None or set_forecasts.tarp is None:
         return None
-    inside = None if one.inside is None else one.inside[good]
+    inside = None if set_forecasts.inside is None else set_forecasts.inside[good]
     if inside is not None and (unmeasured := np.isnan(inside).any((0, 2))).any():
         inside = inside[:, ~unmeasured]
-    return Drawn(count, one.ranks[good], one.tarp[good], inside)
+    return Drawn(count, set_forecasts.ranks[good], set_forecasts.tarp[good], inside)
 
 
 def _joined(parts: Sequence[VersionWindows]) -> VersionWindows:

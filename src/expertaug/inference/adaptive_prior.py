@@ -215,8 +215,8 @@ def _hull(parameters: Sequence[Parameter], z_e: Tensor) -> dict[str, Range]:
     return {p.name: (float(low[k]), float(high[k])) for k, p in enumerate(parameters)}
 
 
-def _union(one: Mapping[str, Range], other: Mapping[str, Range]) -> dict[str, Range]:
-    return {name: (min(one[name][0], other[name][0]), max(one[name][1], other[name][1])) for name in one}
+def _union(first: Mapping[str, Range], second: Mapping[str, Range]) -> dict[str, Range]:
+    return {name: (min(first[name][0], second[name][0]), max(first[name][1], second[name][1])) for name in first}
 
 
 def _beyond(new: Range, old: Range) -> float:
@@ -235,8 +235,8 @@ def _widened(parameters: Sequence[Parameter], ranges: Mapping[str, Range], facto
     return wide
 
 
-def _with_margin(parameter: Parameter, found: Range) -> Range:
-    low, high = found
+def _with_margin(parameter: Parameter, interval: Range) -> Range:
+    low, high = interval
     step = MARGIN * (high - low)
     lower = low - step
     return (max(lower, low / (1 + MARGIN)) if parameter.positive else lower, high + step)

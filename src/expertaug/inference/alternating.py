@@ -226,9 +226,9 @@ class Alternation:
         return error.log().nan_to_num(math.inf, math.inf).float()
 
     @staticmethod
-    def _given(found: Estimates) -> tuple[Tensor, Tensor, Tensor]:
-        assert found.z_e is not None and found.z_a is not None
-        return found.y0, found.z_e, found.z_a
+    def _given(estimates: Estimates) -> tuple[Tensor, Tensor, Tensor]:
+        assert estimates.z_e is not None and estimates.z_a is not None
+        return estimates.y0, estimates.z_e, estimates.z_a
 
     @torch.no_grad()
     def restart(self) -> None:
@@ -343,11 +343,11 @@ def _residuals(fit: WindowFit, windows: Tensor, candidates: Tensor, columns: Ten
     return fit.residuals(candidates, windows[:, :, columns])
 
 
-def _chosen(which: Tensor, one: Tensor, other: Tensor, axis: int) -> Tensor:
+def _chosen(which: Tensor, first: Tensor, second: Tensor, axis: int) -> Tensor:
     """For each seed ``which`` (S,) its part of the first tensor, for the others of the second; seeds along an axis."""
-    shape = [1] * one.dim()
+    shape = [1] * first.dim()
     shape[axis] = len(which)
-    return torch.where(which.view(shape), one, other)
+    return torch.where(which.view(shape), first, second)
 
 
 def run_stage(

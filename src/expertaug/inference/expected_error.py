@@ -29,14 +29,14 @@ AT_A_TIME = 2**25  # bytes of drawn forecasts
 
 
 @torch.no_grad()
-def expected_errors(stored: StoredModel, found: Estimates, windows: Windows) -> tuple[Tensor, Tensor] | None:
+def expected_errors(stored: StoredModel, estimates: Estimates, windows: Windows) -> tuple[Tensor, Tensor] | None:
     """Expected squared errors by each seed (S, N), and the variance of the forecasts between the seeds (N,), 0 of one,
     summed over the observed quantities and averaged over the training's times after the observed window; None of models
     that fit no windows, of systems with known inputs, and where the training's times end with the window.
 
     Arguments:
         stored: a model whose estimator is :class:`LeastSquares`.
-        found: its estimates of the windows.
+        estimates: its, of the windows.
         windows: observed, y (T1, S, N, *state).
     """
     model, card = stored.model, stored.card
@@ -49,7 +49,7 @@ def expected_errors(stored: StoredModel, found: Estimates, windows: Windows) -> 
     size, within, between = max(1, AT_A_TIME // each), [], []
     for first in range(0, windows.y.shape[2], size):
         part = slice(first, first + size)
-        here, seen = found.part(part), replace(windows.samples(part), t=t)
+        here, seen = estimates.part(part), replace(windows.samples(part), t=t)
         states, _ = solve_with_sample_fallback(
             lambda some, solver, here=here, seen=seen: model.predicted(here.part(some), seen.samples(some), solver),
             seen.y.shape[2],

@@ -247,7 +247,7 @@ class FlowEstimator(Predictor, nn.Module):
         return z_e, z_a, y0
 
     def joint_draws(
-        self, found: Estimates, windows: Windows, count: int, random: RandomStreams
+        self, estimates: Estimates, windows: Windows, count: int, random: RandomStreams
     ) -> tuple[Tensor, Tensor, Tensor]:
         """As :func:`expertaug.inference.posterior_predictive.joint_draws`."""
         normal = random.normal(count, windows.y.shape[2], self.head.unknowns.count).transpose(0, 1)

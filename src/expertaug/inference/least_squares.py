@@ -70,7 +70,7 @@ class WindowFit(WindowProblem):
         self._check_steps(estimates, here)
         return estimates.to(windows)
 
-    def _check_steps(self, found: Estimates, windows: Tensor) -> None:
+    def _check_steps(self, estimates: Estimates, windows: Tensor) -> None:
         """Warn, once, where steps half as long move what noisy windows are compared with so far that the estimates of a
         quarter of them may be off by their standard error: by so much in units of the noise, all points together."""
         if self.steps_checked or not self.transform.start.size or self.solver.method not in FIXED:
@@ -80,7 +80,7 @@ class WindowFit(WindowProblem):
         self.steps_checked = True
         few = torch.linspace(0, windows.shape[2] - 1, min(CHECKED, windows.shape[2])).long()
         some = windows[:, :, few].double()
-        x = self.coordinates(found.part(few), self.first(some))
+        x = self.coordinates(estimates.part(few), self.first(some))
         finer = copy.copy(self)
         finer.solver = self.solver.model_copy(update={"substeps": 2 * self.solver.substeps})
         forecasts = [fit.differences(fit.states(x, some), some) for fit in (self, finer)]
@@ -135,9 +135,9 @@ class WindowFit(WindowProblem):
             return Minimum(x, cost, x.new_zeros(*x.shape, 0), torch.ones_like(cost, dtype=torch.bool))
         return minimise(residuals, x, self.settings.steps, self.longest)
 
-    def _sufficient(self, found: Minimum, windows: Tensor) -> Tensor:
+    def _sufficient(self, minimum: Minimum, windows: Tensor) -> Tensor:
         """Whether minima (S, B) explain their windows within the noise."""
-        squares = found.cost - self._pulled(found.x)
+        squares = minimum.cost - self._pulled(minimum.x)
         return torch.special.gammainc(self.degrees_of_freedom(windows) / 2, squares / 2) <= self.settings.sufficient
 
     def degrees_of_freedom(self, windows: Tensor) -> Tensor:
@@ -173,16 +173,16 @@ class WindowFit(WindowProblem):
         return Estimates(start, z_e, z_a, posterior, misfit, root=root)
 
     @torch.no_grad()
-    def draws(self, found: Estimates, first: Tensor, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def draws(self, estimates: Estimates, first: Tensor, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """z_e (K, S, B, P), z_a (K, S, B, Q) and y0 (K, S, B, *state) of Laplace's approximation.
 
         Arguments:
-            found: of this fit.
+            estimates: of this fit.
             first: observed first points (S, B, *state).
             normal: standard normal numbers (S, K, B, D), D the number of coordinates.
         """
         seeds, count = normal.shape[:2]
-        here, y0 = found.to(first.cpu().double()), first.cpu().double()
+        here, y0 = estimates.to(first.cpu().double()), first.cpu().double()
         assert here.root is not None
         x = self.coordinates(here, y0).unsqueeze(1) + torch.einsum("sbij,skbj->skbi", here.root, normal.cpu().double())
         y0 = y0.unsqueeze(1).expand(-1, count, *y0.shape[1:]).flatten(1, 2)
@@ -241,11 +241,11 @@ class LeastSquares(Predictor, nn.Module):
         return fit(observed, None if self.first is None else self.first.estimate(windows))
 
     def joint_draws(
-        self, found: Estimates, windows: Windows, count: int, random: RandomStreams
+        self, estimates: Estimates, windows: Windows, count: int, random: RandomStreams
     ) -> tuple[Tensor, Tensor, Tensor]:
         """As :func:`expertaug.inference.posterior_predictive.joint_draws`, by Laplace's approximation."""
         normal = random.normal(count, windows.y.shape[2], sum(self.fit.sizes))
-        return self.fit.draws(found, self.state_of(windows.y[0]), normal)
+        return self.fit.draws(estimates, self.state_of(windows.y[0]), normal)
 
     def forecast(
         self, y0: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor, solver: Solver, u: Tensor | None = None
@@ -382,6 +382,6 @@ def pull_of(
     return PopulationPull.of(system, population) if population else None
 
 
-def refinement_of(stored: StoredModel, given: Refinement | None) -> Refinement | None:
+def refinement_of(stored: StoredModel, refinement: Refinement | None) -> Refinement | None:
     """How a version's windows are fitted: as settings say, else as its model file does; None where they are not."""
-    return given or stored.card.refinement
+    return refinement or stored.card.refinement

@@ -44,7 +44,7 @@ class JointPosterior(Protocol):
     """An estimator that draws from its joint distribution of (z_e, z_a, y0) itself."""
 
     def joint_draws(
-        self, found: Estimates, windows: Windows, count: int, random: RandomStreams
+        self, estimates: Estimates, windows: Windows, count: int, random: RandomStreams
     ) -> tuple[Tensor, Tensor, Tensor]:
         """As :func:`joint_draws`."""
         ...
@@ -168,18 +168,18 @@ def _parts(y0: Tensor, times: int) -> Iterator[slice]:
     return (slice(k, k + size) for k in range(0, len(y0), size))
 
 
-def z_e_draws(found: Estimates, count: int = COUNT) -> Tensor | None:
+def z_e_draws(estimates: Estimates, count: int = COUNT) -> Tensor | None:
     """Draws of z_e (S, B, K, P), in its units, evenly spread (Sobol); None where the estimator has a point alone.
 
     Arguments:
-        found: of windows; a flow's have draws of their own, as many as it was asked for.
+        estimates: of windows; a flow's have draws of their own, as many as it was asked for.
         count: K, for a Gaussian.
     """
-    if found.draws is not None:
-        return found.draws[0]
-    if found.posterior is None or not isinstance(found.posterior.z_e, Gaussian):
+    if estimates.draws is not None:
+        return estimates.draws[0]
+    if estimates.posterior is None or not isinstance(estimates.posterior.z_e, Gaussian):
         return None
-    q = found.posterior.z_e
+    q = estimates.posterior.z_e
     sobol = torch.quasirandom.SobolEngine(q.loc.shape[-1], scramble=True, seed=0)
     normal = torch.special.ndtri(sobol.draw(count, dtype=torch.float64).clamp(1e-9, 1 - 1e-9)).to(q.loc)
     raw = q.loc.unsqueeze(-2) + q.log_std.exp().unsqueeze(-2) * normal
@@ -188,13 +188,13 @@ def z_e_draws(found: Estimates, count: int = COUNT) -> Tensor | None:
 
 @torch.no_grad()
 def joint_draws(
-    model: Predictor, found: Estimates, windows: Windows, count: int, random: RandomStreams
+    model: Predictor, estimates: Estimates, windows: Windows, count: int, random: RandomStreams
 ) -> tuple[Tensor, Tensor, Tensor] | None:
     """Independent draws of (z_e, z_a, y0) for each window: of a flow, of Laplace's approximation of a fit, or of an
     encoder's Gaussian (whose first point is the observed one); None where the estimator has a point alone.
 
     Arguments:
-        model: an estimator, whose estimates ``found`` are.
+        model: an estimator, which gave ``estimates``.
         windows: observed, y (T1, S, B, *state).
         count: K.
         random: whence they come.
@@ -203,8 +203,8 @@ def joint_draws(
         z_e (K, S, B, P), z_a (K, S, B, Q) and y0 (K, S, B, *state).
     """
     if isinstance(model, JointPosterior):
-        return model.joint_draws(found, windows, count, random)
-    posterior = found.posterior
+        return model.joint_draws(estimates, windows, count, random)
+    posterior = estimates.posterior
     if posterior is None or not any(isinstance(q, Gaussian) for q in (posterior.z_e, posterior.z_a)):
         return None
 
@@ -214,9 +214,9 @@ def joint_draws(
         raw = q.loc + q.log_std.exp() * random.normal(count, *q.loc.shape[1:]).transpose(0, 1).to(q.loc)
         return raw if q.parameters is None else constrain(raw, q.parameters)
 
-    assert found.z_e is not None and found.z_a is not None
-    z_e, z_a = drawn(posterior.z_e, found.z_e), drawn(posterior.z_a, found.z_a)
-    return z_e, z_a, found.y0.expand(count, *found.y0.shape)
+    assert estimates.z_e is not None and estimates.z_a is not None
+    z_e, z_a = drawn(posterior.z_e, estimates.z_e), drawn(posterior.z_a, estimates.z_a)
+    return z_e, z_a, estimates.y0.expand(count, *estimates.y0.shape)
 
 
 class Drawn:

@@ -341,9 +341,9 @@ class Trainer:
         return adopted
 
 
-def _chosen(which: Tensor, one: Tensor, other: Tensor) -> Tensor:
+def _chosen(which: Tensor, first: Tensor, second: Tensor) -> Tensor:
     """For each seed ``which`` (S,) its part of the first stacked tensor, for the others of the second."""
-    return torch.where(which.to(one.device).view(-1, *[1] * (one.dim() - 1)), one, other)
+    return torch.where(which.to(first.device).view(-1, *[1] * (first.dim() - 1)), first, second)
 
 
 @dataclass

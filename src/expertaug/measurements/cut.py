@@ -161,13 +161,13 @@ def _steps(grid: Grid, noise: np.ndarray) -> np.ndarray:
     return steps
 
 
-def _fill_constants(one: Series, places: Sequence[int]) -> None:
+def _fill_constants(series: Series, places: Sequence[int]) -> None:
     """Give covariates, at their places among the inputs, the one value that a trajectory's rows have of each, at all of
     its points, in place; one that changes stays as it is, and is refused."""
     for k in places:
-        values = np.unique(one.rows.u[np.isfinite(one.rows.u[:, k]), k])
+        values = np.unique(series.rows.u[np.isfinite(series.rows.u[:, k]), k])
         if len(values) == 1:
-            one.u[:, k] = values[0]
+            series.u[:, k] = values[0]
 
 
 def _unwrap(y: np.ndarray, k: int) -> None:
@@ -254,21 +254,21 @@ def _by_name(data: Measured, usable: list[np.ndarray]) -> list[np.ndarray]:
     return labels
 
 
-def _name_of(one: Series) -> str:
-    return one.rows.path.name
+def _name_of(series: Series) -> str:
+    return series.rows.path.name
 
 
-def _filled(one: Series) -> np.ndarray:
+def _filled(series: Series) -> np.ndarray:
     """The column's text of each point, of one without a row that of the row before."""
-    assert one.label is not None
-    last = np.maximum.accumulate(np.where(one.row >= 0, np.arange(len(one.row)), 0))
-    return one.label[last]
+    assert series.label is not None
+    last = np.maximum.accumulate(np.where(series.row >= 0, np.arange(len(series.row)), 0))
+    return series.label[last]
 
 
-def _fits(value: str, one: Series, patterns: Sequence[str], by: str) -> bool:
+def _fits(value: str, series: Series, patterns: Sequence[str], by: str) -> bool:
     if by == "column":
         return value in patterns
-    path = one.rows.path
+    path = series.rows.path
     return any(fnmatch.fnmatch(name, p) for p in patterns for name in (path.name, path.stem, str(path)))
 
 

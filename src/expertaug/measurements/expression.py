@@ -60,13 +60,13 @@ def value(text: str, columns: Mapping[str, np.ndarray], where: object) -> np.nda
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _check(node: ast.AST, text: str, where: object, found: dict[str, None]) -> None:
+def _check(node: ast.AST, text: str, where: object, used_names: dict[str, None]) -> None:
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
         if abs(node.value) > LARGEST:
             raise InputError(where, f"'{text}' has a number beyond {LARGEST:g}", "write a smaller one")
         return
     if isinstance(node, ast.Name):
-        found[node.id] = None
+        used_names[node.id] = None
         return
     inside: list[ast.AST] | None = None
     if isinstance(node, ast.BinOp) and type(node.op) in BINARY:
@@ -85,7 +85,7 @@ def _check(node: ast.AST, text: str, where: object, found: dict[str, None]) -> N
         what = ast.unparse(node)[:60]
         raise InputError(where, f"'{text}' has '{what}'", f"only + - * / **, numbers, columns, {', '.join(FUNCTIONS)}")
     for child in inside:
-        _check(child, text, where, found)
+        _check(child, text, where, used_names)
 
 
 def _value(node: ast.AST, columns: Mapping[str, np.ndarray]) -> np.ndarray | float:

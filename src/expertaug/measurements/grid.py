@@ -110,10 +110,10 @@ def on_grid(trajectories: Sequence[Rows], settings: MeasurementSettings) -> Grid
     )
 
 
-def _without_gaps(one: Series, longest: float) -> np.ndarray:
+def _without_gaps(series: Series, longest: float) -> np.ndarray:
     """The usable points but for those of long gaps: rows in which nothing was measured are as good as missing."""
-    measured_at = np.concatenate(([-1], np.flatnonzero(np.isfinite(one.y).any(1)), [len(one.y)]))
-    usable = one.usable.copy()
+    measured_at = np.concatenate(([-1], np.flatnonzero(np.isfinite(series.y).any(1)), [len(series.y)]))
+    usable = series.usable.copy()
     for place in np.flatnonzero(np.diff(measured_at) > longest):
         usable[measured_at[place] + 1 : measured_at[place + 1]] = False
     return usable

@@ -35,7 +35,7 @@ TESTS = {
 
 
 def proposal(
-    found: Inspection, system: Mapping | None, priors: Mapping[str, list[float]], constants: Sequence[str] = ()
+    inspection: Inspection, system: Mapping | None, priors: Mapping[str, list[float]], constants: Sequence[str] = ()
 ) -> str:
     """YAML for the experiment ``measured``.
 
@@ -44,9 +44,9 @@ def proposal(
         priors: a first guess of the range of each expert parameter.
         constants: expert parameters that all windows of one apparatus share.
     """
-    settings, cut, counts = _cut(found)
+    settings, cut, counts = _cut(inspection)
     length = cut.settings.length
-    t1_s = round(length // 2 * found.data.grid.row_s * _points_apart(settings, found), 9)
+    t1_s = round(length // 2 * inspection.data.grid.row_s * _points_apart(settings, inspection), 9)
     files = {
         "paths": settings["paths"] if len(settings["paths"]) > 1 else settings["paths"][0],
         **{k: _marks(settings[k]) if k == "missing" else settings[k] for k in READING if k in settings},
@@ -56,12 +56,12 @@ def proposal(
     }
     split = "trajectories" if "pieces" in settings["split"] else "time"
     remarks = {"split": TESTS[split][1]}
-    if split == "trajectories" and len(found.data.grid.series) < FEW:
-        remarks["split"] += f"; there are only {len(found.data.grid.series)}, so scores depend on a few of them"
+    if split == "trajectories" and len(inspection.data.grid.series) < FEW:
+        remarks["split"] += f"; there are only {len(inspection.data.grid.series)}, so scores depend on a few of them"
     if "phases" in settings:
         remarks["step_s"] = "chunks of successive rows would end within a swing"
-    unseen = [name for name in found.names.state if name not in settings["columns"]]
-    start = {name: _guessed(found) for name in unseen}
+    unseen = [name for name in inspection.names.state if name not in settings["columns"]]
+    start = {name: _guessed(inspection) for name in unseen}
     prior = {name: [float(f"{end:.6g}") for end in ends] for name, ends in priors.items()}
     # Windows share constants of the apparatus; what gives the first point is each window's own.
     sharing = bool(constants) or system is None
@@ -81,7 +81,7 @@ def proposal(
         "    data:",
         "      source: files",
         f"      t1_s: {t1_s:.12g}  # end of the observed window",
-        f"      noise: {flow(_noise(found))}",
+        f"      noise: {flow(_noise(inspection))}",
     ]
     if start:
         blocks.append(f"      start: {flow(start)}  # not measured: give the range of the first values")
@@ -106,7 +106,7 @@ def proposal(
     overrides: dict[str, object] = {"ml_only": {"training": {"expert_first": 0.0}}}
     if sharing:
         overrides["alternating_shared"] = {"alternation": {"latent": 0}}  # what it learns is one apparatus's too
-        blocks += _sharing(found, constants or ["PARAMETER"])
+        blocks += _sharing(inspection, constants or ["PARAMETER"])
     blocks += [
         f"    overrides: {flow(overrides)}",
         f"    methods: {flow(methods)}",
@@ -118,18 +118,18 @@ def proposal(
     return "\n".join(blocks) + "\n"
 
 
-def _sharing(found: Inspection, constants: Sequence[str]) -> list[str]:
+def _sharing(inspection: Inspection, constants: Sequence[str]) -> list[str]:
     """What windows share: of one or two trajectories a value for all, of more a value each, which may be the same.  Of
     three of them one trains, which has no distribution."""
-    scales = {mismatch.rate: {"scale": "shared"} for mismatch in found.slopes if mismatch.may_be_scale}
+    scales = {mismatch.rate: {"scale": "shared"} for mismatch in inspection.slopes if mismatch.may_be_scale}
     sensors = [f"      sensors: {flow(scales)}"] if scales else []
-    if len(found.data.grid.series) < FEWEST:
+    if len(inspection.data.grid.series) < FEWEST:
         units = flow(dict.fromkeys(constants, "shared"))
         remark = "one value for all windows of one apparatus; if there are several, write window"
         return ["    refinement:", f"      units: {units}  # {remark}", *sensors]
     units, population = (flow(dict.fromkeys(constants, word)) for word in ("trajectory", "normal"))
     blocks = ["    refinement:", f"      units: {units}  # one value each; if all are of one apparatus, write shared"]
-    if len(found.data.grid.series) > FEWEST:
+    if len(inspection.data.grid.series) > FEWEST:
         blocks.append(f"      population: {population}  # of these values; narrow where trajectories hardly differ")
     return blocks + sensors
 
@@ -139,25 +139,25 @@ def _marks(values: Sequence[float | str]) -> list[float | str]:
     return [int(mark) if is_whole else mark for mark, is_whole in zip(values, whole, strict=True)]
 
 
-def _noise(found: Inspection) -> str | dict[str, float]:
+def _noise(inspection: Inspection) -> str | dict[str, float]:
     """The key ``noise``: estimated, unless a sensor's resolution is coarser than that."""
-    if not np.isfinite(found.resolution).any():
+    if not np.isfinite(inspection.resolution).any():
         return "estimated"
-    names = [name for name in found.names.state if name in found.settings.columns]
-    places = {name: list(found.names.state).index(name) for name in names}
-    return {name: float(f"{np.nan_to_num(found.noise[k]):.3g}") for name, k in places.items()}
+    names = [name for name in inspection.names.state if name in inspection.settings.columns]
+    places = {name: list(inspection.names.state).index(name) for name in names}
+    return {name: float(f"{np.nan_to_num(inspection.noise[k]):.3g}") for name, k in places.items()}
 
 
-def _points_apart(settings: Mapping, found: Inspection) -> int:
+def _points_apart(settings: Mapping, inspection: Inspection) -> int:
     """Points of the grid from one of a chunk's points to the next."""
-    return round(settings["step_s"] / found.data.grid.row_s) if "phases" in settings else 1
+    return round(settings["step_s"] / inspection.data.grid.row_s) if "phases" in settings else 1
 
 
-def _cut(found: Inspection) -> tuple[dict, Measured, dict[str, int]]:
+def _cut(inspection: Inspection) -> tuple[dict, Measured, dict[str, int]]:
     """Settings whose three sets have chunks, the data with these, and how many: as long as the data allow, between
     trajectories where there are some."""
-    settings, data = _plain(found.settings), found.data
-    apart = _rows_apart(found)
+    settings, data = _plain(inspection.settings), inspection.data
+    apart = _rows_apart(inspection)
     if apart > 1:
         settings |= {"step_s": float(f"{apart * data.grid.row_s:.9g}"), "phases": "first"}
         data = replace(data, grid=replace(data.grid, step=apart))
@@ -183,12 +183,12 @@ def _cut(found: Inspection) -> tuple[dict, Measured, dict[str, int]]:
     raise problem
 
 
-def _rows_apart(found: Inspection) -> int:
+def _rows_apart(inspection: Inspection) -> int:
     """Every how many rows a chunk takes one: several where they are so dense that it would end within a swing."""
-    if found.settings.uneven != "mask" or found.settings.step_s is not None:
+    if inspection.settings.uneven != "mask" or inspection.settings.step_s is not None:
         return 1
-    series = found.data.grid.series
-    components = [k for k, name in enumerate(found.names.state) if name in found.settings.columns]
+    series = inspection.data.grid.series
+    components = [k for k, name in enumerate(inspection.names.state) if name in inspection.settings.columns]
     periods = [rows_of_a_period([trajectory.y[:, k] for trajectory in series]) for k in components]
     period = min((swing for swing in periods if swing is not None), default=None)
     if period is None or period <= LONGEST:
@@ -215,11 +215,11 @@ def _plain(settings: MeasurementSettings) -> dict:
     return dumped
 
 
-def _guessed(found: Inspection) -> list[float]:
+def _guessed(inspection: Inspection) -> list[float]:
     """A range for what nobody measured: twice the largest rate of a measured component."""
     rates = [
         np.abs(np.diff(trajectory.rows.y, axis=0) / np.diff(trajectory.rows.t)[:, None])
-        for trajectory in found.data.grid.series
+        for trajectory in inspection.data.grid.series
     ]
     pooled = np.concatenate(rates)
     pooled = pooled[np.isfinite(pooled)]

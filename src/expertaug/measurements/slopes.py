@@ -243,8 +243,8 @@ def _is_likely(settings: MeasurementSettings, rate: str, of: str) -> bool:
     return bool(words[0] & RATES) and not words[1] & RATES
 
 
-def _of_rows(one: Series, of: int, rate: int, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _of_rows(series: Series, of: int, rate: int, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, what changes and its rate at the points of a trajectory that have a row, at most so many; interpolated
     ones are kept."""
-    points = np.flatnonzero(np.isfinite(one.t))[:most]
-    return one.t[points], one.y[points, of], one.y[points, rate]
+    points = np.flatnonzero(np.isfinite(series.t))[:most]
+    return series.t[points], series.y[points, of], series.y[points, rate]

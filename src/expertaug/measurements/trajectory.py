@@ -72,13 +72,13 @@ def read(
     return trajectories
 
 
-def _refuse_other_units(table: Table, known: dict[str, tuple[Unit, str, Path]]) -> None:
+def _refuse_other_units(table: Table, units: dict[str, tuple[Unit, str, Path]]) -> None:
     """Columns whose units this file's row of units tells otherwise than an earlier file's."""
     for name, text in table.units.items():
         unit = parse(text)
         if unit is None:
             continue
-        of, before, path = known.setdefault(name, (unit, text, table.path))
+        of, before, path = units.setdefault(name, (unit, text, table.path))
         if of != unit:
             problem = f"column '{name}' is in {text}, and in {before} in {path.name}"
             raise InputError(table.path, problem, "write it in one unit, or read the files one by one")

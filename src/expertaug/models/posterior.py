@@ -249,15 +249,15 @@ class Estimates:
         return replace(self, **tensors, posterior=posterior, draws=draws)
 
 
-def _transformed(one: Delta | Gaussian, change: Callable[[Tensor], Tensor]) -> Delta | Gaussian:
-    if isinstance(one, Gaussian):
-        return Gaussian(change(one.loc), change(one.log_std), one.parameters)
-    return Delta(change(one.loc), one.scale)
+def _transformed(distribution: Delta | Gaussian, change: Callable[[Tensor], Tensor]) -> Delta | Gaussian:
+    if isinstance(distribution, Gaussian):
+        return Gaussian(change(distribution.loc), change(distribution.log_std), distribution.parameters)
+    return Delta(change(distribution.loc), distribution.scale)
 
 
-def _tensors_of(one: Estimates) -> list[Tensor]:
+def _tensors_of(estimates: Estimates) -> list[Tensor]:
     tensors: list[Tensor] = []
-    one._each(lambda value: (tensors.append(value), value)[1])
+    estimates._each(lambda value: (tensors.append(value), value)[1])
     return tensors
 
 

@@ -170,12 +170,12 @@ class SeedWise(nn.Module):
                 self.module.get_submodule(owner)._buffers[leaf] = value.detach()
         return result
 
-    def _at_once(self, one: Callable, *arguments: object) -> tuple[Parts, dict[str, Tensor]]:
+    def _at_once(self, function: Callable, *arguments: object) -> tuple[Parts, dict[str, Tensor]]:
         *state, tensors, axes = arguments
         static: list[Parts] = []
 
-        def call(*given: object) -> tuple:
-            parts, after = one(*given)
+        def call(*values: object) -> tuple:
+            parts, after = function(*values)
             static.append(parts)
             return tuple(value for value in parts if value is not None), after
 
@@ -184,7 +184,12 @@ class SeedWise(nn.Module):
         return tuple(None if value is None else next(rest) for value in static[0]), after
 
     def _in_turn(
-        self, one: Callable, parameters: dict, buffers: dict, arguments: Sequence[Tensor], axes: Sequence[int | None]
+        self,
+        function: Callable,
+        parameters: dict,
+        buffers: dict,
+        arguments: Sequence[Tensor],
+        axes: Sequence[int | None],
     ) -> tuple[Parts, dict[str, Tensor]]:
         before = torch.get_rng_state()
         parameters = {k: v.unbind(0) if torch.is_grad_enabled() else v for k, v in parameters.items()}
@@ -192,7 +197,7 @@ class SeedWise(nn.Module):
         for seed in range(self.seeds or 1):
             own = [{k: v[seed] for k, v in tensors.items()} for tensors in (parameters, buffers)]
             taken = [x if axis is None else x.select(axis, seed) for x, axis in zip(arguments, axes, strict=True)]
-            each.append(one(*own, *taken))
+            each.append(function(*own, *taken))
         if not torch.equal(before, torch.get_rng_state()):
             raise InputError(self.where, f"{self.name} {RANDOM}", WITHOUT_RANDOM)
         stacked = tuple(

@@ -136,9 +136,9 @@ def _jobs(config: Configuration) -> Iterator[Job]:
                     yield _job(config.experiments[experiment], stage, experiment, variant, len(seeds))
 
 
-def _job(one: Experiment | _PublishedExperiment, stage: str, experiment: str, variant: str, seeds: int) -> Job:
-    sizes = {name: each.size for name, each in (one.data.sets or {}).items() if each is not None}
-    return Job(stage, experiment, variant, _work(one, stage, variant, seeds), seeds, sizes)
+def _job(settings: Experiment | _PublishedExperiment, stage: str, experiment: str, variant: str, seeds: int) -> Job:
+    sizes = {name: each.size for name, each in (settings.data.sets or {}).items() if each is not None}
+    return Job(stage, experiment, variant, _work(settings, stage, variant, seeds), seeds, sizes)
 
 
 def _stages(variant: str) -> tuple[str, ...]:
@@ -151,15 +151,15 @@ def _stages(variant: str) -> tuple[str, ...]:
     return ("finetune" if Version.parse(variant).is_control else "train", "evaluate")
 
 
-def _work(one: Experiment | _PublishedExperiment, stage: str, variant: str, seeds: int) -> float:
+def _work(settings: Experiment | _PublishedExperiment, stage: str, variant: str, seeds: int) -> float:
     """Passes times samples times seeds; of stages without passes the seeds alone."""
     block = {"train": "training", "finetune": "finetuning"}.get(stage)
     if block is None:
         return float(seeds)
-    whole, over = getattr(one, block), one.overrides.get(Version.parse(variant).method)
+    whole, over = getattr(settings, block), settings.overrides.get(Version.parse(variant).method)
     own = getattr(over, block, None)
     said = [part.epochs for part in (own, whole) if part is not None and "epochs" in part.model_fields_set]
-    train = (one.data.sets or {}).get("train")
+    train = (settings.data.sets or {}).get("train")
     return float(next(iter(said), 1) * (train.size if train is not None else 1) * seeds)
 
 
@@ -180,16 +180,16 @@ def _published(folder: Path) -> dict[tuple[str, str, str], list[Seen]]:
 
 
 def _like(
-    job: Job, known: Mapping[tuple[str, str, str], Sequence[Seen]], runs: Mapping[str, int]
+    job: Job, history: Mapping[tuple[str, str, str], Sequence[Seen]], runs: Mapping[str, int]
 ) -> tuple[float, float, bool]:
     """Seconds and memory of a job, and whether one like it is known; ``runs`` says how many of the jobs asked for each
     published run has."""
-    own = known.get(job[:3], [])
+    own = history.get(job[:3], [])
     if same := [seen for seen in own if seen.job == job]:
         most = max(same, key=lambda seen: runs[seen.run]).run
         own = [seen for seen in same if seen.run == most]
-    of_experiment = [c for (s, e, _), each in known.items() if (s, e) == (job.stage, job.experiment) for c in each]
-    of_stage = [c for (s, _, _), each in known.items() if s == job.stage for c in each]
+    of_experiment = [c for (s, e, _), each in history.items() if (s, e) == (job.stage, job.experiment) for c in each]
+    of_stage = [c for (s, _, _), each in history.items() if s == job.stage for c in each]
     like = own or of_experiment or of_stage
     if not like:
         return math.nan, math.nan, False

@@ -88,9 +88,9 @@ def text(seconds: float) -> str:
     return f"{seconds / 60:.0f} minutes" if seconds < 120 * 60 else f"{seconds / 3600:.1f} hours"
 
 
-def _means(known: Mapping[str, float], of: Callable[[str], str]) -> dict[str, float]:
+def _means(seconds_of: Mapping[str, float], of: Callable[[str], str]) -> dict[str, float]:
     groups: dict[str, list[float]] = {}
-    for job, seconds in known.items():
+    for job, seconds in seconds_of.items():
         groups.setdefault(of(job), []).append(seconds)
     return {name: sum(values) / len(values) for name, values in groups.items()}
 

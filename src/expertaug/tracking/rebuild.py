@@ -61,9 +61,9 @@ def rebuild(results: Path, uri: str, experiment: str) -> int:
     return len(logs)
 
 
-def _number(known: Mapping[str, str], name: str) -> tuple[bool, int, str]:
+def _number(numbers: Mapping[str, str], name: str) -> tuple[bool, int, str]:
     """Sorts experiments by the number that a store has given them, others behind them."""
-    number = known.get(name, "")
+    number = numbers.get(name, "")
     return not number.isdecimal(), int(number) if number.isdecimal() else 0, name
 
 

@@ -89,7 +89,7 @@ def _axes(vectors: np.ndarray) -> np.ndarray:
     return np.stack((along, np.stack((-along[:, 1], along[:, 0]), axis=-1)), axis=1)
 
 
-def _harmonics(vectors: np.ndarray, k: int, found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _harmonics(vectors: np.ndarray, k: int, offsets: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Changes of the two offsets that arm k's length tells of; 0 for one that is not certain, or smaller than the
     lengths' noise."""
     own, other = _axes(vectors[:, k])[:, 0], _axes(vectors[:, 1 - k])
@@ -105,9 +105,9 @@ def _harmonics(vectors: np.ndarray, k: int, found: dict[str, np.ndarray]) -> dic
     change = {}
     for name, first in zip(names, (1, 3), strict=True):
         error = noise * np.sqrt(np.trace(inverse[first : first + 2, first : first + 2]))
-        total = found[name] + x[first : first + 2]
+        total = offsets[name] + x[first : first + 2]
         sure = np.hypot(*total) > max(CERTAIN * error, noise)
-        change[name] = x[first : first + 2] if sure else -found[name]
+        change[name] = x[first : first + 2] if sure else -offsets[name]
     return change
 
 
@@ -229,10 +229,10 @@ def _pivot(markers: MarkerTable, usable: np.ndarray, tolerance: float) -> tuple[
     return filled, seen
 
 
-def _moved_along(markers: MarkerTable, known: np.ndarray, arm: float) -> np.ndarray:
+def _moved_along(markers: MarkerTable, usable: np.ndarray, arm: float) -> np.ndarray:
     """Frames (n,) whose pivot's marker is near those of its time and one arm from the joint."""
     length = np.linalg.norm(markers.joint - markers.pivot, axis=1)
-    typical, off = float(np.median(length[known])), float(spread(length[known]))
+    typical, off = float(np.median(length[usable])), float(spread(length[usable]))
     right = np.abs(length - typical) <= np.clip(TOLERANCE * off, *(share * typical for share in TOLERANCES))
     frames = max(3, round(AROUND_S * markers.rate_hz))
     around = pd.DataFrame(markers.pivot).rolling(frames, center=True, min_periods=1).median().to_numpy()

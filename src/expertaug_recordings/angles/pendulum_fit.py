@@ -175,18 +175,18 @@ class Gravity:
 CONTRADICTED = 2.0  # standard errors, below which the motion does not contradict the stated direction
 
 
-def direction_error(found: Gravity | None, stated_deg: float | None, turned: bool) -> float:
+def direction_error(gravity: Gravity | None, stated_deg: float | None, turned: bool) -> float:
     """Standard uncertainty in degrees of the stated direction of gravity, by what the motion says of it.
 
     Arguments:
-        found: direction from the stated one; None where the motion does not tell.
+        gravity: direction from the stated one; None where the motion does not tell.
         stated_deg: its own standard uncertainty; None where it is not known.
         turned: whether the stated direction is another than the image's own: it then was measured, most often by the
             motion too, and is no surer than what is found here.  Down in the image is only what the motion contradicts.
     """
-    if stated_deg == 0 or found is None:
+    if stated_deg == 0 or gravity is None:
         return stated_deg or 0.0
-    off, error = found.degrees, found.error_deg
+    off, error = gravity.degrees, gravity.error_deg
     if stated_deg is None and turned:
         return math.hypot(off, error)
     if stated_deg is None:

@@ -71,14 +71,14 @@ class Misfit:
 
 
 def misfit(
-    angles: np.ndarray, states: np.ndarray, known: np.ndarray, fit: Fit, rate: float, single: bool = False
+    angles: np.ndarray, states: np.ndarray, std: np.ndarray, fit: Fit, rate: float, single: bool = False
 ) -> Misfit | None:
     """Fit trajectories to windows of a recording, and say what they leave.
 
     Arguments:
         angles: measured ones in rad, (n, 2), unwrapped within a stretch; NaN where a frame is not to be used.
         states: of the smoothed motion, (n, 4), where to begin.
-        known: standard deviations of the errors of the measured angles that are known, in rad, (n, 2).
+        std: standard deviations of the errors of the measured angles that are known, in rad, (n, 2).
         fit: constants to begin with.
         rate: frames per second.
         single: the second angle says nothing.
@@ -91,17 +91,17 @@ def misfit(
     if len(rows) < FEWEST:
         return None
     arms = [0] if single else [0, 1]
-    even = np.sqrt(np.mean(known[rows] ** 2, axis=(0, 1)))
+    even = np.sqrt(np.mean(std[rows] ** 2, axis=(0, 1)))
     problem = _Problem(angles[rows][..., arms], even[arms], every / rate, every, single)
     start = states[rows[:, 0]][:, [0, 2]] if single else states[rows[:, 0]]
     return _solve(problem, start, fit, states[rows][..., [2, 2] if single else [2, 3]])
 
 
-def _windows(known: np.ndarray, every: int) -> np.ndarray:
+def _windows(usable: np.ndarray, every: int) -> np.ndarray:
     """Rows (m, POINTS) of windows that lie apart, spread over the recording."""
     span = (POINTS - 1) * every + 1
-    count = np.concatenate(([0], np.cumsum(known)))
-    whole = np.flatnonzero(count[span:] - count[:-span] == span) if len(known) >= span else np.zeros(0, int)
+    count = np.concatenate(([0], np.cumsum(usable)))
+    whole = np.flatnonzero(count[span:] - count[:-span] == span) if len(usable) >= span else np.zeros(0, int)
     first, end = [], -1
     for row in whole:
         if row > end:

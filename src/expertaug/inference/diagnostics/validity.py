@@ -275,10 +275,10 @@ def _chi2(fit: WindowFit, x: Tensor, y: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def _difference(one: WindowFit, other: WindowFit, x: Tensor, x_other: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+def _difference(reference: WindowFit, other: WindowFit, x: Tensor, x_other: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
     """Sums over time of F_a² and of its change (S, N), along the windows as the first fit explains them."""
-    states, u = one.states(x, y), inputs_of(one.system, y)
-    rates = [_rates(fit, fit.parts(at, fit.first(y)), states, u) for fit, at in ((one, x), (other, x_other))]
+    states, u = reference.states(x, y), inputs_of(reference.system, y)
+    rates = [_rates(fit, fit.parts(at, fit.first(y)), states, u) for fit, at in ((reference, x), (other, x_other))]
     first, change = rates[0], rates[1] - rates[0]
     return tuple(rate.square().flatten(3).sum((0, -1)) for rate in (first, change))  # type: ignore[return-value]
 
