@@ -16,8 +16,8 @@ loss = partial(ea.Aphynity, lambda0=100)
 fit = ea.fit(model, train, val, observed_s=3.0, objective=loss, learning_rate=3e-3)
 plus = ea.finetune(fit, train, val, prior=wide, supervision_weight=30.0, learning_rate=3e-3)
 for name, trained in {"as trained": fit, "after expert augmentation": plus}.items():
-    found = trained[0].forecast(slow.y[:, :31], t)  # of 3 s; found.y: all 10 s, (50, 101, 2)
-    off = 100 * abs(found.z_e["omega0"] / slow.z_e[:, 0] - 1).mean()
+    forecast = trained[0].forecast(slow.y[:, :31], t)  # of 3 s; forecast.y: all 10 s, (50, 101, 2)
+    off = 100 * abs(forecast.z_e["omega0"] / slow.z_e[:, 0] - 1).mean()
     print(f"{name}: omega0 is off by {off:.0f} %")
 # as trained: omega0 is off by 59 %
 # after expert augmentation: omega0 is off by 29 % (some % depend on the processor)

@@ -19,7 +19,7 @@ def test_it_prints_two_sentences_of_which_the_second_is_better(capsys):
     for (_, found), (_, expected) in zip(printed, shown, strict=True):
         assert abs(int(found) - int(expected)) <= 15  # other processors round otherwise
     assert int(printed[1][1]) < int(printed[0][1]) - 15
-    assert names["found"].y.shape == (50, 101, 2) and names["found"].z_e["omega0"].shape == (50,)
+    assert names["forecast"].y.shape == (50, 101, 2) and names["forecast"].z_e["omega0"].shape == (50,)
 
 
 def test_it_has_fifteen_lines_beside_its_imports():
