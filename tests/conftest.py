@@ -5,8 +5,10 @@ folder of what they are about.  All of them are on Python's path, so that tests 
 ``plain_parts:Class``.
 """
 
+import gc
 import os
 import sys
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -15,6 +17,18 @@ sys.path[:0] = [str(folder) for folder in sorted(Path(__file__).parent.rglob("*"
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_variable] = "1"
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Garbage is looked for in what tests make, and not each time in the half a million objects of what is imported."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)

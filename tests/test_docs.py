@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import re
 import subprocess
+import sys
 import tomllib
 from collections import defaultdict
 from pathlib import Path
@@ -12,13 +13,15 @@ from pathlib import Path
 import pytest
 
 from docs_pages import PAGES, ROOT, Block, Command, blocks, checkout, commands, every, name_of, run, words
+from expertaug import cli
 from expertaug import commands as command_line
 from expertaug.stages.planned import STUDIES
 from nightly import others_slow
 
 LANGUAGES = {"sh", "yaml", "python", "mermaid"}
 NOT_RUN: dict[str, int] = {}
-LONG = "docs/inference.md"  # trains for a quarter of a minute
+# Of the pages with examples in Python, those that take little time.
+SHORT = ("docs/diagnostics.md", "docs/measurements.md")
 # Subcommands that are run as they are written: they need nothing but what the page shows.
 RUN_AS_WRITTEN = ("validate", "check-system", "config", "forecast", "inspect-data")
 ALL = list(commands())
@@ -34,6 +37,23 @@ def reader(tmp_path_factory):
         if key not in made:
             made[key] = checkout(tmp_path_factory.mktemp("reader") / "project", page)
         return made[key]
+
+    return of
+
+
+@pytest.fixture
+def status_of(reader, monkeypatch):
+    """The exit status of a command that the reader of a page gives: by a process of its own where the page has modules,
+    which nothing else is to import."""
+
+    def of(page: str, *arguments: str) -> int:
+        folder = reader(page)
+        if any(block.language == "python" and block.file for block in blocks(ROOT / page)):
+            done = run(folder, "-m", "expertaug.cli", *arguments)
+            sys.stderr.write(done.stderr)
+            return done.returncode
+        monkeypatch.chdir(folder)
+        return cli.main(list(arguments))
 
     return of
 
@@ -81,12 +101,11 @@ def test_the_pages_hold_what_is_tested():
 
 
 @pytest.mark.parametrize("block", every("yaml"), ids=str)
-def test_configurations_are_valid(block: Block, reader):
-    folder = reader(block.page)
+def test_configurations_are_valid(block: Block, reader, status_of, capsys):
     name = block.file or f"block_{block.line}.yaml"
-    (folder / name).write_text(block.text, encoding="utf-8")
-    done = run(folder, "-m", "expertaug.cli", "validate", "config/config.yaml", *block.after, name)
-    assert done.returncode == 0, done.stderr
+    (reader(block.page) / name).write_text(block.text, encoding="utf-8")
+    status = status_of(block.page, "validate", "config/config.yaml", *block.after, name)
+    assert status == 0, capsys.readouterr().err
 
 
 @pytest.fixture(scope="session")
@@ -109,10 +128,10 @@ def executed(reader, tmp_path_factory):
 
 
 # The README's is run by tests/api/test_example.py.
-RUN = sorted({block.page for block in every("python")} - {"README.md"}, key=lambda page: (page == LONG, page))
+RUN = sorted({block.page for block in every("python")} - {"README.md"}, key=lambda page: (page not in SHORT, page))
 
 
-@pytest.mark.parametrize("page", others_slow(RUN, len(RUN) - 1))
+@pytest.mark.parametrize("page", others_slow(RUN, len(SHORT)))
 def test_python_runs(page, executed):
     done = executed(page)
     assert done.returncode == 0, done.stderr
@@ -147,7 +166,7 @@ def test_every_program_is_known():
 
 
 @pytest.mark.parametrize("command", of_program("expertaug"), ids=lambda c: c.where)
-def test_expertaug_takes_these_arguments(command, reader, executed, capsys):
+def test_expertaug_takes_these_arguments(command, capsys):
     arguments = list(command.words[1:])
     if not command.whole and len(arguments) == 1 and not arguments[0].startswith("-"):
         arguments.append("--help")  # named, not called
@@ -155,12 +174,18 @@ def test_expertaug_takes_these_arguments(command, reader, executed, capsys):
         command_line.parse(arguments)
     except SystemExit as stop:
         assert stop.code == 0, capsys.readouterr().err
-        return
-    if command.whole and not command.in_order and arguments[0] in RUN_AS_WRITTEN:
-        if any(block.page == command.page for block in every("python")):
-            executed(command.page)  # what it writes may be what the command reads
-        done = run(reader(command.page), "-m", "expertaug.cli", *arguments)
-        assert done.returncode == 0, done.stderr
+
+
+WRITTEN = [c for c in of_program("expertaug") if c.whole and not c.in_order and c.words[1] in RUN_AS_WRITTEN]
+AFTER_LONG = [c for c in WRITTEN if c.page in RUN and c.page not in SHORT]
+SOON = [c for c in WRITTEN if c not in AFTER_LONG]
+
+
+@pytest.mark.parametrize("command", others_slow([*SOON, *AFTER_LONG], len(SOON)), ids=lambda c: c.where)
+def test_what_is_written_is_done(command, executed, status_of, capsys):
+    if command.page in RUN:
+        executed(command.page)  # what it writes may be what the command reads
+    assert status_of(command.page, *command.words[1:]) == 0, capsys.readouterr().err
 
 
 def planned() -> dict[tuple[str, tuple[str, ...]], set[str]]:
@@ -183,7 +208,7 @@ PLANNED = planned()
 
 @pytest.mark.parametrize(
     ("page", "files"),
-    others_slow(PLANNED, 3),
+    others_slow(sorted(PLANNED, key=lambda of: len(of[1]))),
     ids=lambda value: value if isinstance(value, str) else "+".join(value) or "default",
 )
 def test_snakemake_makes_what_is_asked_for(page, files, reader):
@@ -243,6 +268,7 @@ def test_tests_that_are_named_exist(command):
         assert not word.startswith("tests") or (ROOT / word).exists(), word
 
 
+@pytest.mark.slow
 def test_the_graph_of_the_stages_is_the_workflows(reader):
     """What the page draws is what Snakemake prints, rules of one stage taken together, but for arrows to the target."""
     done = run(reader("docs/workflow.md"), "-m", "snakemake", "--rulegraph", "mermaid-js")

@@ -14,25 +14,48 @@ from expertaug.errors import InputError
 from expertaug.stages import STAGES
 
 MODULES = sorted({stage.code for stage in STAGES.values()})
-# Each module is imported by a fork of a process that has imported nothing but what is not ours.
+# Each module is imported by a fork of a process that has imported nothing of ours but what the module's stage declares:
+# what several have in common once for all of them.
 IMPORTS = """
-import importlib, json, os, sys
+import collections, importlib, json, os, sys
+def load(declared):
+    while declared:
+        one, *more = declared
+        counts = collections.Counter(name for names in declared.values() for name in names if name not in sys.modules)
+        most, count = max(counts.items(), key=lambda found: found[1], default=(None, 0))
+        if not more:
+            importlib.import_module(one)
+            files = [m.__file__ for name, m in sys.modules.items() if name.startswith("expertaug")]
+            print(json.dumps([one, files]), flush=True)
+            return
+        if count == len(declared):
+            importlib.import_module(most)
+            continue
+        chosen = [module for module in declared if most in declared[module]] if count > 1 else [one]
+        forked = {module: declared[module] for module in chosen}
+        if not os.fork():
+            load(forked)
+            os._exit(0)
+        assert os.wait()[1] == 0, list(forked)
+        declared = {module: names for module, names in declared.items() if module not in forked}
 assert not [name for name in sys.modules if name.startswith("expertaug")]
-for module in sys.argv[1:]:
-    if not os.fork():
-        importlib.import_module(module)
-        files = [m.__file__ for name, m in sys.modules.items() if name.startswith("expertaug")]
-        print(json.dumps([module, files]), flush=True)
-        os._exit(0)
-    assert os.wait()[1] == 0, module
+load(json.loads(sys.argv[1]))
 """
+
+
+def names_of(stage):
+    """The modules of a stage's files."""
+    paths = (path.relative_to(source_files.PACKAGE.parent).with_suffix("") for path in stage.sources())
+    return sorted(".".join(path.parts).removesuffix(".__init__") for path in paths)
 
 
 @pytest.fixture(scope="module")
 def loaded_by():
     """Files of this package that importing a module loads."""
-    command = [warm_python.interpreter(), "-c", IMPORTS, *MODULES]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    declared = {stage.code: names_of(stage) for stage in reversed(STAGES.values())}
+    command = [warm_python.interpreter(), "-c", IMPORTS, json.dumps(declared)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
     return dict(map(json.loads, done.stdout.splitlines()))
 
 

@@ -74,6 +74,7 @@ def test_what_is_built_has_sound_metadata(built):
         run("twine", "check", "--strict", str(sdist), str(wheel))
 
 
+@pytest.mark.slow
 def test_an_installed_wheel_plans_the_small_run_without_a_checkout(built, tmp_path):
     site, away = tmp_path / "site", tmp_path / "away"
     away.mkdir()

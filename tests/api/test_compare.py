@@ -10,6 +10,7 @@ import expertaug as ea
 from expertaug.errors import InputError
 from expertaug.inference.diagnostics.goodness import Candidate, choose, goodness_of_fit
 from expertaug.systems import Parameter, System
+from nightly import others_slow
 
 T = np.arange(41) * 0.1
 RANGES = {"free": {"omega0": (1.0, 3.5)}, "linear": {"omega0": (1.0, 3.5)}}
@@ -53,7 +54,7 @@ def swings(alpha, n=12, seed=0, noise=0.02):
     )
 
 
-@pytest.mark.parametrize(("alpha", "right"), [(0.4, "rubbed"), (0.0, "free")])
+@pytest.mark.parametrize(("alpha", "right"), others_slow([(0.4, "rubbed"), (0.0, "free")]))
 def test_the_right_one_of_three_is_found(alpha, right):
     found = ea.compare(EXPERTS, swings(alpha), observed_s=4.0, noise=0.02, priors=RANGES, **HOW)
     assert found.chosen == right

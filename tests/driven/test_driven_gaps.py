@@ -112,6 +112,7 @@ def test_ranges_are_found_with_and_without_windows(fit, gappy):
         ea.own_prior(fit, gappy["train"], test.seen[:, : fit.observed], **options)
 
 
+@pytest.mark.slow
 def test_drawn_forecasts_are_scored_where_something_was_measured(fit, gappy):
     from expertaug.evaluation.forecasting import drawing_of
     from expertaug.evaluation.score import score

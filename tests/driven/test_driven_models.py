@@ -9,6 +9,7 @@ from driven_sets import ENCODER, FREQUENCY, OPTIONS, WIDER, T, simulated
 import expertaug as ea
 from expertaug.cli import main
 from expertaug.errors import InputError
+from nightly import others_slow
 
 
 class Own(torch.nn.Module):
@@ -101,6 +102,7 @@ def test_refined_estimates_a_prior_of_its_own_and_validity(fit, sets):
     assert "omega0" in ea.validity(fit, sets["train"], seen.y, **options)
 
 
+@pytest.mark.slow
 def test_alternation(sets):
     model = ea.alternate(
         ea.DrivenPendulum(), {"kind": "mlp", "layers": [6], "inputs": True, "time": True}, sets["train"],
@@ -122,7 +124,7 @@ def test_a_flow_and_its_bands(fit, sets, tmp_path):
     assert np.abs(band.mean - other.mean).max() > 0.1
 
 
-@pytest.mark.parametrize("windows", [None, {"theta": [0.0, 0.5], "torque": [0.0, 0.5]}])
+@pytest.mark.parametrize("windows", others_slow([{"theta": [0.0, 0.5], "torque": [0.0, 0.5]}, None]))
 def test_the_hybrid_vae(sets, windows):
     encoder = {"kind": "two_step", "latent_layers": [6], "filter_layers": [6], "expert_layers": [6], "windows": windows}
     recipe = ea.HybridModel(ea.DrivenPendulum(), encoder, {"kind": "mlp", "layers": [6], "inputs": True})
@@ -132,7 +134,7 @@ def test_the_hybrid_vae(sets, windows):
     assert np.isfinite(model.evaluate(sets["test"])["value"]).all()
 
 
-@pytest.mark.parametrize("interaction", [Own, {"kind": "damping", "components": ["omega"]}])
+@pytest.mark.parametrize("interaction", others_slow([Own, {"kind": "damping", "components": ["omega"]}]))
 def test_own_parts_and_those_that_see_no_inputs(sets, interaction):
     recipe = ea.HybridModel(ea.DrivenPendulum(), Flat, interaction)
     model = ea.fit(recipe, sets["train"], sets["validation"], observed_s=0.5, seeds=[0, 1], **OPTIONS)

@@ -349,7 +349,7 @@ def test_an_evaluation_needs_neither_figures_nor_a_store():
 
 
 @pytest.mark.parametrize(
-    "stage", others_slow(["tabulate", "studies", "alarms", "coverage", "distance", "plot", "dots", "published"], 2)
+    "stage", others_slow(["tabulate", "studies", "alarms", "coverage", "distance", "plot", "dots", "published"])
 )
 def test_what_reads_evaluations_does_without_torch(stage):
     """Its import takes longer than they do."""

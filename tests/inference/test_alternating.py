@@ -135,6 +135,8 @@ def test_a_large_penalty_keeps_the_interaction_small(data, settings):
 
 
 def test_a_model_file_holds_what_forecasts_need(data, settings, tmp_path):
+    settings["training"] |= {"steps": 2, "batch_size": 10, "validate_every": 2}
+    settings["refinement"]["settings"] |= {"tries": 1, "steps": 4}
     path = tmp_path / "model.safetensors"
     alternate(data, path, tmp_path / "work", settings, None)
     stored = store.load(path)

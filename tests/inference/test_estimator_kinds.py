@@ -18,6 +18,7 @@ from expertaug.inference.flow import Flow
 from expertaug.models.estimators import ESTIMATORS, EstimatorKind, estimator
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.stages import STAGES
+from nightly import others_slow
 
 ROOT = Path(__file__).parents[2]
 HOME = ROOT / "src" / "expertaug" / "models" / "estimators.py"
@@ -72,7 +73,7 @@ def run(config, stage, *names, arguments):
     assert main([stage, *map(str, arguments), "--settings", settings]) == 0
 
 
-@pytest.mark.parametrize("kind", ["persistence", f"{__name__}:Persistence"])
+@pytest.mark.parametrize("kind", others_slow(["persistence", f"{__name__}:Persistence"]))
 def test_a_new_kind_is_trained_saved_loaded_and_evaluated(kind, tmp_path, monkeypatch):
     if ":" not in kind:
         monkeypatch.setitem(ESTIMATORS, kind, Persistence)

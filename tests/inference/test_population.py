@@ -12,6 +12,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.forecasts import Forecasts, constants_of
 from expertaug.inference.population import PopulationPull, correlation_time, distribution
 from expertaug.models.settings import Constant, Population
+from nightly import others_slow
 
 BOTH = {"omega0": "trajectory", "alpha": "shared"}
 
@@ -26,7 +27,7 @@ def told(rng, count, spread, weakest=0.05, strongest=0.5):
     return (*map(torch.from_numpy, (curvature, slope)), torch.full((count, 2), 1.7, dtype=torch.float64))
 
 
-@pytest.mark.parametrize("spread", [0.0, 0.4])
+@pytest.mark.parametrize("spread", others_slow([0.4, 0.0]))
 def test_mean_and_spread_are_found_with_errors_of_their_size(spread):
     scores, spreads = [], []
     for seed in range(16):
@@ -80,6 +81,7 @@ def pulled():
     return fitted(several(60, 1), population={"alpha": "normal"})
 
 
+@pytest.mark.slow
 def test_a_distribution_helps_windows_that_tell_little(pulled):
     train, new = several(60, 1), several(60, 2)
     found = pulled.refinement.population["alpha"]

@@ -20,6 +20,7 @@ from expertaug.models import store
 from expertaug.presets import ROWS, Choices, resolve
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from nightly import others_slow
 from seen import seen
 from tiny import PRIOR, SETTINGS
 from typed_jobs import augment, finetune, train
@@ -160,7 +161,7 @@ def test_x_of_augmented_samples_is_the_datas_unless_resampled():
     assert one.resample_known(y0, lambda k: None) is y0
 
 
-@pytest.mark.parametrize("choices", [{}, {"frozen": "interaction_and_z_e_head"}, {"resample": "epoch"}])
+@pytest.mark.parametrize("choices", others_slow([{}, {"frozen": "interaction_and_z_e_head"}, {"resample": "epoch"}]))
 def test_finetuning_changes_the_encoder_and_nothing_else(trained, data, tmp_path, settings, choices):
     settings["choices"] |= choices
     augmented(trained, data, tmp_path, settings)
@@ -193,7 +194,7 @@ def test_the_control_takes_the_same_steps_on_real_data_alone(trained, data, tmp_
         assert torch.equal(value, after.model.state_dict()[name]) == name.startswith("decoder."), name
 
 
-@pytest.mark.parametrize("preset", ["paper", "code"])
+@pytest.mark.parametrize("preset", others_slow(["paper", "code"]))
 def test_every_preset_trains_augments_and_finetunes(preset, data, tmp_path, settings):
     settings |= {"choices": resolve(preset).model_dump(), "preset": preset}
     train(data, tmp_path / "m.st", tmp_path / "work", settings, None)

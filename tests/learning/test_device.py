@@ -125,15 +125,15 @@ def test_training_and_finetuning(waits, name, objective):
     assert on_card(model) and on_card(plus)
 
 
-@pytest.mark.parametrize("objective", ["aphynity", "hvae"])
-@pytest.mark.parametrize("name", ["pendulum", "rlc", "double_pendulum"])
+@pytest.mark.parametrize("objective", others_slow(["hvae", "aphynity"]))
+@pytest.mark.parametrize("name", others_slow(["pendulum", "rlc", "double_pendulum"]))
 def test_the_values_are_those_of_the_cpu(card, name, objective):
     """What is pretended is where tensors lie, no more."""
     found = fitted(name, objective)[0].history["value"]
     assert found.equals(fitted(name, objective, device="cpu")[0].history["value"])
 
 
-@pytest.mark.parametrize("objective", ["aphynity", "hvae"])
+@pytest.mark.parametrize("objective", others_slow(["aphynity", "hvae"]))
 def test_a_step_is_done_again_where_a_forecast_ran_away(waits, objective, monkeypatch):
     monkeypatch.setattr("expertaug.learning.divergence.FACTOR", 0.9)
     found = fitted("pendulum", objective)[0].history["value"]

@@ -15,6 +15,7 @@ from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.log import read_log
+from nightly import others_slow
 from seen import seen
 from typed_jobs import augment, evaluate, finetune, train
 
@@ -45,7 +46,7 @@ def fields(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(("encoder", "interaction"), PARTS, ids=["moments", "conv"])
+@pytest.mark.parametrize(("encoder", "interaction"), others_slow(PARTS), ids=["moments", "conv"])
 def test_it_is_trained_augmented_and_evaluated(fields, tmp_path, settings, encoder, interaction):
     settings |= {
         "experiment": "fisher",

@@ -19,6 +19,7 @@ from expertaug.models.posterior import Gaussian, unconstrain
 from expertaug.presets import resolve
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from nightly import others_slow
 from seen import seen
 from tiny import PRIOR
 from typed_jobs import augment, finetune, train
@@ -232,7 +233,7 @@ def test_z_a_of_augmented_samples_is_drawn(data, tmp_path, settings):
         torch.testing.assert_close(plus[name].y, expected.detach(), rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize("choices", [{}, {"resample": "epoch"}, {"frozen": "interaction_and_z_e_head"}])
+@pytest.mark.parametrize("choices", others_slow([{}, {"resample": "epoch"}, {"frozen": "interaction_and_z_e_head"}]))
 def test_finetuning_leaves_theta_alone(data, tmp_path, settings, choices):
     before = run(data, tmp_path, settings)
     settings["choices"] |= choices
@@ -247,7 +248,7 @@ def test_finetuning_leaves_theta_alone(data, tmp_path, settings, choices):
         assert torch.equal(value, after.model.state_dict()[name]) == kept, name
 
 
-@pytest.mark.parametrize("preset", ["paper", "code"])
+@pytest.mark.parametrize("preset", others_slow(["paper", "code"]))
 def test_every_preset_trains_augments_and_finetunes(preset, data, tmp_path, settings):
     settings |= {"choices": resolve(preset).model_dump(), "preset": preset}
     run(data, tmp_path, settings)

@@ -16,6 +16,7 @@ from expertaug.errors import InputErrors
 from expertaug.systems.double_pendulum import Constants
 from expertaug.trajectories import Trajectories
 from expertaug_recordings.rendering.motion import simulate
+from nightly import others_slow
 
 ROOT = Path(__file__).parents[2]
 CONSTANTS, FRICTION = Constants(B1=0.4, G1=62.0, B2=1.28, G2=72.6), (0.03, 0.02)
@@ -86,15 +87,18 @@ def test_losses_of_energy_are_compared_where_all_was_measured(tmp_path):
 @pytest.mark.skipif(not REAL.is_dir(), reason="needs the measurements beside the checkout, ../shared/measurements")
 @pytest.mark.parametrize(
     ("one", "method", "score"),
-    [
-        ("real_pendulum", "least_squares_shared", -5.81),
-        ("real_pendulum", "friction_shared", -6.45),
-        ("real_pendulum_small", "friction_shared", -6.65),
-        ("real_pendulum", "friction_sensors", -7.92),
-        ("real_pendulum_small", "friction_sensors", -8.81),
-        pytest.param("real_pendulum", "friction_population", -8.05, marks=pytest.mark.slow),
-        pytest.param("real_pendulum_small", "friction_population", -8.88, marks=pytest.mark.slow),
-    ],
+    others_slow(
+        [
+            ("real_pendulum", "least_squares_shared", -5.81),
+            ("real_pendulum", "friction_sensors", -7.92),
+            ("real_pendulum_small", "friction_sensors", -8.81),
+            ("real_pendulum", "friction_shared", -6.45),
+            ("real_pendulum_small", "friction_shared", -6.65),
+            ("real_pendulum", "friction_population", -8.05),
+            ("real_pendulum_small", "friction_population", -8.88),
+        ],
+        2,
+    ),
 )
 def test_constants_that_windows_share_explain_the_real_pendulum(tmp_path, one, method, score):
     found = completed(REAL, one)

@@ -22,7 +22,6 @@ from expertaug.trajectories import Trajectories
 from expertaug_recordings.chunks import cut_horizon, split_chunks
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.settings import CutHorizonJob, SplitChunksJob
-from nightly import others_slow
 from typed_jobs import evaluate, train
 
 CONFIG = Path(__file__).parents[2] / "config"
@@ -125,7 +124,8 @@ def test_the_chunks_are_the_same_bits(folders, by):
             np.testing.assert_array_equal(getattr(one, part), getattr(other, part), strict=True)
 
 
-@pytest.mark.parametrize("method", others_slow(["aphynity_point_mass", "least_squares"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["aphynity_point_mass", "least_squares"])
 def test_and_so_are_the_numbers(folders, tmp_path, method):
     shipped = config.load([CONFIG / "config.yaml", CONFIG / "smoke.yaml"])
     tables = []

@@ -12,6 +12,7 @@ from expertaug.errors import InputError
 from expertaug.measurements.cut import all_chunks, measured
 from expertaug.measurements.settings import MeasurementSettings, TableKeys
 from expertaug.measurements.table import read_table
+from nightly import others_slow
 
 T = 0.05 * np.arange(400)
 Y = swing(1.0, points=400) + 0.005 * np.random.default_rng(0).standard_normal((400, 2))
@@ -78,7 +79,7 @@ def test_wrapped_angles_are_proposed_as_such(inspected, unit, turn, low):
     assert "angles" not in inspected(csv())[1]["files"]
 
 
-@pytest.mark.parametrize("mark", ["-999", "9999", "-9999.0", "99999", "1e30", "-9.96921e36"])
+@pytest.mark.parametrize("mark", others_slow(["-999", "9999", "-9999.0", "99999", "1e30", "-9.96921e36"], 3))
 def test_marks_of_nothing_measured_are_named_and_left_out(inspected, mark):
     theta = [mark if k % 9 == 0 else f"{v:.5f}" for k, v in enumerate(Y[:, 0])]
     told, data = inspected(csv(theta))

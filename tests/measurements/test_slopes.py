@@ -16,6 +16,7 @@ from expertaug import systems
 from expertaug.cli import main
 from expertaug.measurements.slopes import slope
 from expertaug.systems import Parameter, System
+from nightly import others_slow
 
 REAL = Path(__file__).parents[3] / "shared" / "measurements"
 EXACT = np.stack([swing(0.3 + 0.2 * k) for k in range(6)])
@@ -135,13 +136,16 @@ def test_every_way_in_says_it_before_anything_is_trained(tmp_path, capsys, facto
 
 @pytest.mark.parametrize(
     ("names", "factor", "says"),
-    [
-        (("angle", "speed"), 0.95, "speed: 0.9"),
-        (("angle", "speed"), 1.0, None),
-        (("phi [rad]", "gyro [rad/s]"), 0.95, "gyro [rad/s]"),
-        (("a", "b"), 0.95, "b: if it is its rate, 0.9"),
-        (("a", "b"), 0.5, None),
-    ],
+    others_slow(
+        [
+            (("angle", "speed"), 0.95, "speed: 0.9"),
+            (("angle", "speed"), 1.0, None),
+            (("phi [rad]", "gyro [rad/s]"), 0.95, "gyro [rad/s]"),
+            (("a", "b"), 0.95, "b: if it is its rate, 0.9"),
+            (("a", "b"), 0.5, None),
+        ],
+        2,
+    ),
 )
 def test_without_a_system_names_units_or_a_close_fit_tell_a_rate(tmp_path, capsys, names, factor, says):
     path = written(tmp_path, factor, names=names)
@@ -162,6 +166,7 @@ def test_the_real_pendulums_speed_is_off_by_five_percent(tmp_path, capsys):
         assert found is None or found.factor == pytest.approx(0.953, abs=0.006)
 
 
+@pytest.mark.slow
 @NEEDS_REAL
 def test_the_other_labs_double_pendulum_raises_no_alarm(tmp_path, capsys):
     names = "names=[trial, time, theta1, theta2, omega1, omega2, w1, w2, a1, a2]"

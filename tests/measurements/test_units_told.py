@@ -13,6 +13,7 @@ from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.measurements.cut import measured
 from expertaug.measurements.units import conversion, parse, told
+from nightly import others_slow
 
 DEG = math.pi / 180
 ANGLES = {
@@ -106,7 +107,7 @@ def inspected(path, capsys, *more):
     return status, said.out, said.err
 
 
-@pytest.mark.parametrize(("angle", "speed"), zip(list(ANGLES)[:14], list(SPEEDS)[:14], strict=True))
+@pytest.mark.parametrize(("angle", "speed"), others_slow(zip(list(ANGLES)[:14], list(SPEEDS)[:14], strict=True), 7))
 def test_inspected_and_read_alike(tmp_path, capsys, angle, speed):
     y = swing(1.0)[:120]
     path = lab(tmp_path, "t (s)", angle, speed, y / [ANGLES[angle], SPEEDS[speed]])

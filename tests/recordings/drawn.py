@@ -95,20 +95,23 @@ def _disk(frame, centre, radius, colour, style, lean, mark="", light=0.0):
     x0, y0 = np.rint(centre).astype(int) - half
     side = 2 * half + 1
     axis = (np.arange(side * FINE) + 0.5) / FINE - 0.5
-    u, v = np.meshgrid(axis + x0 - centre[0], axis + y0 - centre[1])
-    cover = (np.hypot(u, v) < radius).astype(np.float32)
-    paint = np.empty((*cover.shape, 3), np.float32)
-    paint[:] = colour
-    a, b = u * np.cos(lean) - v * np.sin(lean), u * np.sin(lean) + v * np.cos(lean)
-    if style == "quadrant":
-        paint[a * b > 0] = WHITE
-    if mark:
-        inside, ink = MARKS[mark]
-        paint[inside(a, b, radius)] = ink
-    paint = np.clip(paint * (1 + light * u / radius)[..., None], 0, 255)
-    cover, paint = (
-        cv2.resize(p, (side, side), interpolation=cv2.INTER_AREA) for p in (cover, paint * cover[..., None])
-    )
+    u, v = np.meshgrid(axis + x0 - centre[0], axis + y0 - centre[1], sparse=True)
+    cover = (u * u + v * v < radius * radius).astype(np.float32)
+    if style == "quadrant" or mark or light:
+        paint = np.empty((*cover.shape, 3), np.float32)
+        paint[:] = colour
+        a, b = u * np.cos(lean) - v * np.sin(lean), u * np.sin(lean) + v * np.cos(lean)
+        if style == "quadrant":
+            paint[a * b > 0] = WHITE
+        if mark:
+            inside, ink = MARKS[mark]
+            paint[inside(a, b, radius)] = ink
+        paint = np.clip(paint * (1 + light * u / radius)[..., None], 0, 255)
+        paint = cv2.resize(paint * cover[..., None], (side, side), interpolation=cv2.INTER_AREA)
+        cover = cv2.resize(cover, (side, side), interpolation=cv2.INTER_AREA)
+    else:
+        cover = cv2.resize(cover, (side, side), interpolation=cv2.INTER_AREA)
+        paint = cover[..., None] * np.array(colour, np.float32)
     low, high = max(0, -y0), min(side, frame.shape[0] - y0)
     left, right = max(0, -x0), min(side, frame.shape[1] - x0)
     if high <= low or right <= left:

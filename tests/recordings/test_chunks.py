@@ -14,6 +14,7 @@ from expertaug_recordings.chunks import cut_horizon, split_chunks
 from expertaug_recordings.ibm import import_markers, list_marker_files
 from expertaug_recordings.reports.splits import run_stage as plot_splits
 from expertaug_recordings.settings import ChunkKeys, CutHorizonJob, ImportMarkersJob, MeasureAnglesJob, SplitChunksJob
+from nightly import others_slow
 
 SMALL = {"min_chunks": 1, "guard_s": 0.0}
 
@@ -46,7 +47,7 @@ def frames_of(folder, step=4, length=20):
 
 
 @pytest.mark.parametrize("by", ["energy", "time"])
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", others_slow(range(8), 3))
 def test_no_frame_is_in_two_splits_and_none_is_unmeasured(tmp_path, by, seed):
     rng = np.random.default_rng(seed)
     angles, unmeasured = [], set()
@@ -240,7 +241,7 @@ def test_real_recordings_by_energy(tmp_path):
     assert report["initial_speeds_p99"]["test"][1] > 1.5 * report["initial_speeds_p99"]["train"][1]
 
 
-@pytest.mark.parametrize("by", ["energy", "time"])
+@pytest.mark.parametrize("by", others_slow(["energy", "time"]))
 def test_long_chunks_lie_in_the_frames_of_their_split(tmp_path, by):
     angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth())]
     settings = {**SMALL, "by": by, "horizons_s": [1.0, 2.0]}

@@ -102,6 +102,6 @@ WORKER = """
 """
 
 
-def start(*arguments, code: str = WORKER) -> subprocess.Popen:
-    command = [sys.executable, "-c", textwrap.dedent(code), repr(arguments)]
+def start(*arguments, code: str = WORKER, python: str = sys.executable) -> subprocess.Popen:
+    command = [python, "-c", textwrap.dedent(code), repr(arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

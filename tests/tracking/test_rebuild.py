@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from logged import FIELDS, RUN, contents, elsewhere, initial, runs_of, settings, start
 
+import warm_python
 from expertaug.errors import InputError
 from expertaug.files import write_json
 from expertaug.tracking.rebuild import rebuild
@@ -43,7 +44,7 @@ def test_rebuild_equals_the_original(tmp_path, tracking):
 def test_rebuild_keeps_the_old_store_aside(tmp_path):
     """The first store is made in a process of its own: MLflow keeps a store open as long as the process lives."""
     results, tracking = tmp_path / "results", settings(tmp_path / "results")
-    job = start(str(results / "a" / "log.jsonl"), tracking, FIELDS, 0)
+    job = start(str(results / "a" / "log.jsonl"), tracking, FIELDS, 0, python=warm_python.interpreter())
     assert job.communicate(timeout=60)[1] == ""
     assert rebuild(results, tracking.uri, "trial") == 1
     assert (results / "mlflow" / "previous" / "mlflow.db").is_file()

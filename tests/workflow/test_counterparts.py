@@ -7,11 +7,14 @@ import re
 import subprocess
 from pathlib import Path
 
+import pytest
+
 import warm_python
 
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.slow
 def test_every_counterpart_is_made_by_the_default_reproduction(tmp_path):
     named = set(re.findall(r"results/(?:tables|figures)/\w+\.\w+", (ROOT / "docs" / "counterparts.md").read_text()))
     assert len(named) > 15

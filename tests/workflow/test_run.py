@@ -14,6 +14,7 @@ from expertaug.config import jobs
 from expertaug.config import load as config
 from expertaug.plotting import NOTE
 from expertaug.stages import STAGES
+from nightly import others_slow
 
 
 def test_smoke_run_makes_tables_figures_and_logs(project):
@@ -146,21 +147,27 @@ def test_both_entry_points_run_the_same_jobs_from_anywhere(tmp_path):
 
 @pytest.mark.parametrize(
     ("change", "line"),
-    [
-        ({"seeds": [0, "1e-3"]}, "configuration: seeds[1]: found '1e-3', which YAML takes for a text; write 1.0e-3"),
-        (
-            {"recordings": {"source": "markers", "markers": {"path": "bad"}}},
-            "configuration: bad: two files of one name",
-        ),
-        (
-            {"recordings": {"source": "videos", "videos": {"path": "none"}}},
-            "configuration: recordings.videos.path: no video",
-        ),
-        (
-            {"results": "bad", "recordings": {"source": "markers", "markers": {"path": "bad/a"}}},
-            "configuration: recordings.markers.path: 'bad/a/0.csv' lies in the results folder 'bad'",
-        ),
-    ],
+    others_slow(
+        [
+            (
+                {"seeds": [0, "1e-3"]},
+                "configuration: seeds[1]: found '1e-3', which YAML takes for a text; write 1.0e-3",
+            ),
+            (
+                {"recordings": {"source": "markers", "markers": {"path": "bad"}}},
+                "configuration: bad: two files of one name",
+            ),
+            (
+                {"recordings": {"source": "videos", "videos": {"path": "none"}}},
+                "configuration: recordings.videos.path: no video",
+            ),
+            (
+                {"results": "bad", "recordings": {"source": "markers", "markers": {"path": "bad/a"}}},
+                "configuration: recordings.markers.path: 'bad/a/0.csv' lies in the results folder 'bad'",
+            ),
+        ],
+        2,
+    ),
 )
 def test_bad_configuration_is_one_line_and_status_2(tmp_path, change, line):
     project = copy_project(tmp_path / "project")

@@ -6,6 +6,7 @@ import pytest
 from running import ROOT
 
 import warm_python
+from nightly import others_slow
 from snakemake_logger_plugin_expertaug import configuration_files, refusals
 
 
@@ -43,11 +44,13 @@ def test_each_file_that_cannot_be_read_gets_its_line(tmp_path):
 
 @pytest.mark.parametrize(
     ("target", "said"),
-    [
-        ("pendulm", "target: nothing makes 'pendulm'; did you mean pendulum?"),
-        ("evalute", "target: nothing makes 'evalute'; did you mean evaluate?"),
-        ("zzz", "target: nothing makes 'zzz'; targets are all, everything, render_video,"),
-    ],
+    others_slow(
+        [
+            ("pendulm", "target: nothing makes 'pendulm'; did you mean pendulum?"),
+            ("evalute", "target: nothing makes 'evalute'; did you mean evaluate?"),
+            ("zzz", "target: nothing makes 'zzz'; targets are all, everything, render_video,"),
+        ]
+    ),
 )
 def test_a_misspelt_target_gets_a_suggestion(target, said, tmp_path):
     command = [warm_python.interpreter(), "-m", "snakemake", "-n", "--cores", "1", "--directory", str(tmp_path)]

@@ -125,7 +125,7 @@ def shifted(kind, size=3.0):
     return y, table
 
 
-@pytest.mark.parametrize("kind", ["pivot", "joint_arm1", "joint_arm2", "tip"])
+@pytest.mark.parametrize("kind", others_slow(["pivot", "joint_arm1", "joint_arm2", "tip"], 2))
 def test_a_marker_off_its_hinge_is_modelled_and_reported(tmp_path, kind):
     y, table = shifted(kind)
     table.to_csv(tmp_path / "markers.csv", index=False)
@@ -171,7 +171,7 @@ def test_a_shaking_camera_is_followed(tmp_path):
     assert rms(averaged[:, 0]) > 10 * rms(off[:, 0])
 
 
-@pytest.mark.parametrize("kind", ["drift", "knock"])
+@pytest.mark.parametrize("kind", others_slow(["drift", "knock"]))
 def test_a_camera_that_is_held_or_knocked_is_followed(tmp_path, kind):
     """Further than a marker may be off its median without being another thing."""
     y, table = truth()[0, :3200], markers(truth()[0, :3200])

@@ -11,6 +11,7 @@ from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.reports.page import _heading, corrected_off
 from expertaug_recordings.reports.page import run_stage as plot_recording
 from expertaug_recordings.settings import MeasureAnglesJob
+from nightly import others_slow
 
 ANGLES = ["theta1", "theta2"]
 
@@ -22,7 +23,7 @@ def measure(folder, table, **settings):
     return pd.read_csv(files[1]), RecordingSummary.load(files[2])
 
 
-@pytest.mark.parametrize(("every", "tilt"), [(1, 0.15), (4, -0.2), (8, 0.3), (13, 0.1)])
+@pytest.mark.parametrize(("every", "tilt"), others_slow([(1, 0.15), (4, -0.2), (8, 0.3), (13, 0.1)], 2))
 def test_the_direction_of_gravity_is_part_of_each_angle_s_uncertainty(tmp_path, every, tilt):
     y = truth()[0, : 600 * every : every]
     angles, summary = measure(tmp_path, markers(y, 400 / every), rotation_deg=tilt)
@@ -49,7 +50,7 @@ def test_what_is_known_of_the_stated_direction_and_what_the_motion_says_go_toget
     assert direction_error(Gravity(0.3, 0.01), 0.4, False) == pytest.approx(0.3, rel=0.01)
 
 
-@pytest.mark.parametrize("role", ["joint", "tip"])
+@pytest.mark.parametrize("role", others_slow(["joint", "tip"]))
 def test_raw_angles_are_those_of_the_markers_and_the_corrected_ones_are_beside_them(tmp_path, role):
     table = markers(truth()[0, :2000])
     if role == "joint":  # on the first arm, 3 px beyond its hinge and 2 px aside
@@ -84,7 +85,7 @@ def test_a_single_pendulum_s_page_has_its_own_lengths(tmp_path):
     assert angles["arm1_px"].notna().all() and angles["arm2_px"].isna().all()
 
 
-@pytest.mark.parametrize(("every", "wobble"), [(10, 0.25), (10, 0.5), (11, 0.3), (4, 0.3)])
+@pytest.mark.parametrize(("every", "wobble"), others_slow([(10, 0.25), (10, 0.5), (11, 0.3), (4, 0.3)], 2))
 def test_lengths_that_vary_more_than_angles_err_do_not_enlarge_the_uncertainty(tmp_path, every, wobble):
     """A second arm that wobbles out of its plane, or whose marker is seen larger or smaller: along the arm alone."""
     y = truth()[1, : 700 * every : every]

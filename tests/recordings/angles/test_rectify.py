@@ -14,6 +14,7 @@ from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.reports.page import _heading
 from expertaug_recordings.settings import MeasureAnglesJob
+from nightly import others_slow
 
 SIZE, FOCAL = (480, 480), 900.0
 CAMERA = np.array([[FOCAL, 0, 239.5], [0, FOCAL, 239.5], [0, 0, 1]])
@@ -82,7 +83,7 @@ def board(path, see, squares=(10, 7), side=40, offset=(20, 80)):
     return path
 
 
-@pytest.mark.parametrize("turn", [(0, 12, 0), (20, 0, 0), (9, 9, 0)])
+@pytest.mark.parametrize("turn", others_slow([[0, 12, 0], [20, 0, 0], [9, 9, 0]]))
 @pytest.mark.parametrize("far", [1.0, 20.0])
 def test_an_oblique_view_is_told_by_the_arms(tmp_path, turn, far):
     y = filmed(tmp_path, camera(turn, far=far))

@@ -1,5 +1,6 @@
 """Clips whose frames are not at their times, as converters leave them: what cannot be undone is said, and stated."""
 
+import functools
 import json
 
 import numpy as np
@@ -18,14 +19,20 @@ from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.reports.page import _heading
 from expertaug_recordings.reports.summary import run_stage as summarise
 from expertaug_recordings.settings import MeasureAnglesJob
+from nightly import others_slow
 
 ANGLES = ["theta1", "theta2"]
-THROUGH = CubicSpline(np.arange(16000) / 400, truth(), axis=1)
+
+
+@functools.cache
+def through():
+    """The true states at any time in s."""
+    return CubicSpline(np.arange(16000) / 400, truth(), axis=1)
 
 
 def angles_at(t, launch=0):
     """True angles (n, 2) at times t (n,) in s."""
-    return THROUGH(t)[launch][:, :2]
+    return through()(t)[launch][:, :2]
 
 
 def clip(shown, rate, launch=0, noise=0.05, slower=0.6):
@@ -66,7 +73,7 @@ def irregular(kind, count, rate):
     return even + rng.uniform(-0.3, 0.3, count) / rate
 
 
-@pytest.mark.parametrize("rate", [30, 60, 120])
+@pytest.mark.parametrize("rate", others_slow([30, 60, 120]))
 @pytest.mark.parametrize("kind", ["a screen's refresh", "uneven"])
 def test_frames_off_their_times_are_a_warning_and_widen_the_uncertainties(tmp_path, rate, kind, caplog):
     table, true = clip(irregular(kind, 400, rate), rate)
@@ -84,7 +91,7 @@ def test_frames_off_their_times_are_a_warning_and_widen_the_uncertainties(tmp_pa
     assert ";" in pd.read_csv(tmp_path / "s.csv")["misfit_deg"][0]
 
 
-@pytest.mark.parametrize(("rate", "launch"), [(25, 0), (30, 1), (60, 2), (120, 0), (400, 1)])
+@pytest.mark.parametrize(("rate", "launch"), others_slow([(25, 0), (30, 1), (60, 2), (120, 0), (400, 1)], 3))
 def test_sound_clips_are_left_alone(tmp_path, rate, launch):
     table, true = clip(np.arange(500) / rate, rate, launch)
     angles, summary = measure(tmp_path, table)
@@ -107,7 +114,7 @@ def test_a_single_pendulum_too(tmp_path):
     assert 1 / 1.5 < rms(angles["theta1_std"][good]) / off < 1.5
 
 
-@pytest.mark.parametrize("share", [0.1, 0.2])
+@pytest.mark.parametrize("share", others_slow([0.1, 0.2]))
 @pytest.mark.parametrize("rate", [30, 60])
 def test_many_missing_frames_are_bridged_at_a_cost_that_is_stated(tmp_path, rate, share):
     """A phone that leaves frames out, whose timestamps are right."""
@@ -165,7 +172,7 @@ RATES = {  # of source and file in Hz → the least frames that repeat
 }
 
 
-@pytest.mark.parametrize(("source", "rate"), RATES)
+@pytest.mark.parametrize(("source", "rate"), others_slow(RATES, 4))
 def test_conversions_are_found_and_undone(tmp_path, source, rate):
     """Whatever the phase: the angles are those of their own times, and as uncertain as they say."""
     at = (np.floor(np.arange(400) * source / rate + 0.37)) / source
@@ -208,7 +215,7 @@ def rolled(rate, row_s, launch=0, count=300, noise=0.05):
 
 
 @pytest.mark.parametrize(
-    ("rate", "row_s"), [(60, 31e-6), (60, -25e-6), (30, 60e-6), (120, 15e-6), (240, 8e-6), (30, 20e-6)]
+    ("rate", "row_s"), others_slow([(60, 31e-6), (60, -25e-6), (30, 60e-6), (120, 15e-6), (240, 8e-6), (30, 20e-6)], 3)
 )
 def test_a_rolling_shutter_is_found_and_undone(tmp_path, rate, row_s):
     table, true = rolled(rate, row_s)

@@ -118,6 +118,7 @@ def test_nothing_is_found_where_nothing_is_wrong(tmp_path):
         assert (timing.repeated, timing.dropped) == (0, 0), rate
 
 
+@pytest.mark.slow
 def test_nothing_is_found_in_the_real_recordings(tmp_path):
     files = list_marker_files(real_recordings())
     for name in list(files)[::6]:

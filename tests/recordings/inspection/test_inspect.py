@@ -115,16 +115,17 @@ def test_a_name_can_neither_add_keys_nor_match_other_files(tmp_path, monkeypatch
 
 def test_the_command_prints_yaml_and_refuses_in_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    frames = draw(markers_of(swinging(60)[:, :2], PIVOT, ARMS), SIZE, [PAINT[n] for n in ("red", "green", "blue")])
+    centres = markers_of(swinging(24 * 20)[::24, :2], (170.2, 100.7), (52.0, 38.0))
+    frames = draw(centres, (340, 208), [PAINT[n] for n in ("red", "green", "blue")], 16)
     write_video(frames, tmp_path / "clip.mp4", 100)
     assert cli.main(["inspect-video", "clip.mp4"]) == 0
     block = yaml.safe_load(capsys.readouterr().out)
     assert block["recordings"]["videos"] == {"path": "clip.mp4"} and "experiments" not in block
     assert Path("contact.png").exists()
-    assert cli.main(["inspect-video", "clip.mp4", "--rate", "100", "--from", "0.1", "--to", "0.5"]) == 0
-    text, cut = capsys.readouterr().out, {"from_s": 0.1, "to_s": 0.5}
+    assert cli.main(["inspect-video", "clip.mp4", "--rate", "100", "--from", "0.02", "--to", "0.11"]) == 0
+    text, cut = capsys.readouterr().out, {"from_s": 0.02, "to_s": 0.11}
     assert yaml.safe_load(text)["recordings"]["videos"] == {"path": "clip.mp4", "rate_hz": 100} | cut
-    assert "41 frames" in text
+    assert "10 frames" in text
     assert cli.main(["inspect-video", "none.mp4"]) == 2
     assert capsys.readouterr().err == "expertaug inspect-video: none.mp4: no such file; give a video file\n"
 

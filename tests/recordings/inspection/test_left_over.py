@@ -10,6 +10,7 @@ from drawn import PAINT, draw, markers_of, swinging, write_video
 from expertaug_recordings.inspection.detect import find_pendulum, find_spots
 from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.inspection.left_over import left_over
+from nightly import others_slow
 
 SIZE, ARMS, DIAMETER, COUNT = (340, 208), (52.0, 38.0), 16, 8
 COLOURS = ("red", "green", "blue")
@@ -46,27 +47,27 @@ def seen(*scene):
 
 BALLS = {
     "a ball of the tip's colour": (ball(30), ("blue",), 2, [" colour (hue 225) that move, in 8 of 8 frames"]),
-    "one of the joint's": (ball(30), ("green",), 1, ["the joint's colour (hue 125) that move", "another colour"]),
-    "one of no marker's": (ball(30), ("magenta",), 3, ["another colour (hue 311) that move"]),
-    "a sticker of the tip's": (ball(0), ("blue",), 3, ["the tip's colour (hue 225) at rest, in 8 of 8 frames"]),
-    "a sticker of no marker's": (ball(0), ("magenta",), 3, []),
+    "nothing": (None, (), 3, []),
     "another pendulum": (
         pendulum((250.0, 90.0), OTHER)[:, 1:],
         ("orange", "purple"),
         3,
         ["another colour (hue 268) that move, in 8 of 8 frames: are there two", "another colour (hue 26) that move"],
     ),
+    "one of the joint's": (ball(30), ("green",), 1, ["the joint's colour (hue 125) that move", "another colour"]),
+    "one of no marker's": (ball(30), ("magenta",), 3, ["another colour (hue 311) that move"]),
+    "a sticker of the tip's": (ball(0), ("blue",), 3, ["the tip's colour (hue 225) at rest, in 8 of 8 frames"]),
+    "a sticker of no marker's": (ball(0), ("magenta",), 3, []),
     "one alike": (
         pendulum((250.0, 90.0), OTHER),
         COLOURS,
         3,
         ["the pivot's colour (hue 0) at rest", "the joint's colour (hue 125) that move", "the tip's colour"],
     ),
-    "nothing": (None, (), 3, []),
 }
 
 
-@pytest.mark.parametrize("name", list(BALLS))
+@pytest.mark.parametrize("name", others_slow(list(BALLS), 3))
 def test_balls_stickers_and_other_pendulums_are_told(name):
     extra, painted, least, said = BALLS[name]
     roles, lines = seen(pendulum(), COLOURS, extra, painted)
@@ -74,7 +75,7 @@ def test_balls_stickers_and_other_pendulums_are_told(name):
     assert sum(roles) >= least
 
 
-@pytest.mark.parametrize("two", [False, True])
+@pytest.mark.parametrize("two", others_slow([True, False]))
 def test_two_single_pendulums_are_told(two):
     extra = pendulum((250.0, 90.0), OTHER)[:, :2] if two else None
     roles, lines = seen(pendulum(), ("red", "blue", None), extra, ("red", "blue"))

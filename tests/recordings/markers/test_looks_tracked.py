@@ -16,6 +16,7 @@ from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.settings import ExtractFramesJob, TrackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore, extract_frames, writing
 from expertaug_recordings.video.pixel_layout import Layout
+from nightly import others_slow
 
 TILT = 10.0
 FRAMES = 100
@@ -38,7 +39,7 @@ def states():
     return swinging(FRAMES)
 
 
-@pytest.fixture(scope="module", params=list(LOOKS))
+@pytest.fixture(scope="module", params=others_slow(list(LOOKS), 2))
 def clip(request, states, tmp_path_factory):
     """Frames, the true positions and the tracker's settings."""
     style, names, background, marked = LOOKS[request.param]

@@ -12,6 +12,7 @@ from expertaug_recordings.markers.geometry import Geometry, estimate_geometry, s
 from expertaug_recordings.markers.tracker import STIFFNESS, Tracker, track_frames
 from expertaug_recordings.rendering.render import render_recording
 from expertaug_recordings.settings import RenderVideoJob, TrackMarkersJob
+from nightly import others_slow
 
 NAMES = ("red", "green", "blue")
 COLOURS = [PAINT[name] for name in NAMES]
@@ -35,14 +36,14 @@ def errors(track, centres):
     return np.linalg.norm(track.position - centres, axis=2)[good], good.mean()
 
 
-@pytest.mark.parametrize("mark", list(MARKS))
+@pytest.mark.parametrize("mark", others_slow(list(MARKS)))
 def test_what_is_burnt_in_does_no_harm(mark, centres, tmp_path):
     frames = compressed(draw(centres, SIZE, COLOURS, background=DARK, mark=mark), tmp_path / "clip.mp4", RATE)
     error, used = errors(tracked(frames)[0], centres)
     assert used > 0.95 and np.median(error) < 0.08 and error.max() < 0.4
 
 
-@pytest.mark.parametrize(("where", "thick"), [(0.55, 0.1), (0.55, 0.2), (0.75, 0.1)])
+@pytest.mark.parametrize(("where", "thick"), others_slow([(0.55, 0.1), (0.55, 0.2), (0.75, 0.1)]))
 def test_a_ring_that_covers_much_of_a_small_disk_does_no_harm(where, thick, centres, tmp_path, monkeypatch):
     """The disk's colour is that of its coloured parts, few as they are; its rim falls from that.  The third ring leaves
     a rim of 1.5 px and an inner disk with an edge as sharp."""
@@ -85,7 +86,7 @@ def test_a_disk_that_was_expected_elsewhere_is_measured_where_it_is_or_not_at_al
 
 
 @pytest.mark.parametrize(
-    ("behind", "mark", "most"), [(DARK, "", 0.1), ((60, 58, 55), "", 0.15), ((60, 58, 55), "ring", 0.15)]
+    ("behind", "mark", "most"), others_slow([(DARK, "", 0.1), ((60, 58, 55), "", 0.15), ((60, 58, 55), "ring", 0.15)])
 )
 def test_light_from_one_side_does_not_shift_the_centre(behind, mark, most, centres, tmp_path):
     """Also where the wall is as bright as the disks' dark sides, which differ from it by their colour alone."""
