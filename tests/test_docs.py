@@ -275,7 +275,7 @@ def test_the_graph_of_the_stages_is_the_workflows(reader):
     assert done.returncode == 0, done.stderr
     ending = r"_(of_recording|of_experiment|experiment|seed_group(_with_snapshots)?|set|all)$"
     other_words = {"plot_page": "plot_recording", "study": "studies"}
-    other_words |= dict.fromkeys(("alarm", "coverage", "distance"), "study_windows")
+    other_words |= dict.fromkeys(("alarm", "coverage", "distance", "seeds"), "study_windows")
     stages = {}
     for number, rule in re.findall(r"(id\d+)\[(\w+)\]", done.stdout):
         study = rule.removesuffix("_of_experiment")

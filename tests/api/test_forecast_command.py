@@ -1,6 +1,7 @@
 """expertaug forecast: a CSV of windows in, a CSV of states and estimates out."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -48,6 +49,31 @@ def test_it_prints_states_and_estimates_of_every_seed_with_units(fit, model, set
     one = table[(table["seed"] == 1) & (table["sample"] == "w5")]
     np.testing.assert_allclose(one[["theta [rad]", "omega [rad/s]"]], found.y[1, 1], rtol=1e-6)
     np.testing.assert_allclose(one["z_e omega0 [rad/s]"], found.z_e["omega0"][1, 1], rtol=1e-6)
+
+
+def test_the_median_of_the_seeds_is_one_forecast(fit, model, sets, tmp_path, capsys):
+    status, told = run(capsys, model, window(sets, (2, 5)), tmp_path, "--seed", "median")
+    assert status == 0
+    table = pd.read_csv(io.StringIO(told.out))
+    states = ["theta [rad]", "theta std [rad]", "omega [rad/s]", "omega std [rad/s]"]
+    assert list(table.columns) == ["sample", "t [s]", *states, "z_e omega0 [rad/s]", "misfit", "outside"]
+    each = fit.forecast(sets["test"].y[[2, 5], :11], T)
+    of_window = table[table["sample"] == "w5"]
+    np.testing.assert_allclose(of_window["omega [rad/s]"], np.median(each.y[:, 1, :, 1], 0), rtol=1e-6)
+    np.testing.assert_allclose(of_window["omega std [rad/s]"], each.y[:, 1, :, 1].std(0, ddof=1), rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(of_window["z_e omega0 [rad/s]"], np.median(each.z_e["omega0"], 0)[1], rtol=1e-6)
+    assert fit[0].forecast(sets["test"].y[:1, :11], T).median().y_std is None, "one seed is its own median"
+
+
+def test_a_median_is_trusted_where_every_seed_is_and_contains_their_spread(fit, sets):
+    refined = fit.refined(noise=0.01).forecast(sets["test"].y[:3, :11], T)
+    verdicts = np.array([[True, True, False], [True, False, False]])
+    median = replace(refined, trusted=verdicts, outside=~verdicts).median()
+    assert median.trusted.tolist() == [True, False, False] and median.outside.tolist() == [False, True, True]
+    std, z_e = (np.asarray(each["omega0"]) for each in (refined.z_e_std, refined.z_e))
+    expected = np.sqrt((std**2).mean(0) + z_e.var(0, ddof=1))
+    np.testing.assert_allclose(median.z_e_std["omega0"], expected, rtol=1e-5)
+    assert set(median.table()["doubtful"]) <= {True, False} and len(median.table()) == 3 * len(T)
 
 
 def test_one_seed_until_a_later_time_into_a_file(model, sets, tmp_path, capsys):

@@ -437,3 +437,14 @@ def test_a_seed_that_could_not_be_trained_has_no_values(folder):
     assert forecasts.failed == [4]
     errors = np.load(folder / "failed.npz")["test_errors"]
     assert np.isnan(errors[0]).all() and np.isfinite(errors[1]).all()
+    assert forecasts.sets["test"].median is None, "one seed is left"
+
+
+def test_the_median_of_the_seeds_forecasts_is_scored(folder):
+    _, forecasts = run(folder, samples=12)
+    kept, observed = forecasts.kept["test"], forecasts.observed + 1
+    middle = np.median(kept.prediction, axis=0)[:, observed:]
+    error = ((middle - kept.truth[:, observed:]) ** 2).sum(2).mean(1)
+    np.testing.assert_allclose(forecasts.sets["test"].median[kept.index], error, rtol=1e-4)
+    states = torch.tensor([4.0, 1.0, np.nan, 2.0, 3.0]).view(1, -1, 1, 1)
+    assert score.median_of_seeds(states).item() == 3 and score.median_of_seeds(states[:, [0, 1, 3, 4]]).item() == 2.5

@@ -51,6 +51,7 @@ experiments:
 # The rules that a change redoes: all that follows its own.
 EVALUATION = {"evaluate_seed_group", "tabulate_experiment", "plot_experiment", "plot_overview"}
 EVALUATION |= {"log_evaluations_of_experiment", "write_report", "alarm_of_experiment", "coverage_of_experiment"}
+EVALUATION |= {"seeds_of_experiment"}
 AUGMENTED = {"finetune_seed_group"} | EVALUATION
 # Of the double pendulum longer forecasts and the loss of energy.
 LEARNING = {"train_seed_group", "augment_seed_group", "horizons_of_experiment", "dissipation_of_experiment"} | AUGMENTED

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,7 @@ from expertaug.models.doubts import FitDoubts
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Forecasts of N windows; of a group of S seeds every array has a leading axis (S,).
+    """Forecasts of N windows; of a group of S seeds every array has a leading axis (S,); :meth:`median` has none.
 
     Attributes:
         t: times in s, (T,).
@@ -39,6 +40,7 @@ class Forecast:
             of 99 %.  None where these are not known.
         doubts: what is doubtful about the fits of the windows (:class:`expertaug.models.doubts.FitDoubts`, with the
             axis of seeds in any case); None where windows are not fitted.
+        y_std: of a median, standard deviations of the states over the seeds, (N, T, *state); else None.
     """
 
     t: np.ndarray
@@ -53,24 +55,57 @@ class Forecast:
     outside: Array | None = None
     trusted: Array | None = None
     doubts: FitDoubts | None = None
+    y_std: np.ndarray | None = None
+
+    def median(self) -> Forecast:
+        """One forecast of several seeds, which no single seed that fails moves far: at each time, and of each estimate,
+        the median over the seeds that are finite; standard deviations contain the spread over the seeds.  It is trusted
+        where every seed is, and lies outside, or is doubtful, where half of the seeds do.  Of one seed it is its own.
+        """
+        if len(self.seeds) < 2 or self.y_std is not None:
+            return self
+        y = _numpy(self.y)
+        each, spreads = _numpy_of(self.z_e), {}
+        for name, std in _numpy_of(self.z_e_std).items():
+            spreads[name] = np.sqrt(np.nanmean(std**2, 0) + np.nanvar(each[name], 0, ddof=1))
+        middles = {
+            name: np.nanmedian(_numpy(value), 0)
+            for name in ("chi2", "misfit", "p_chi2")
+            if (value := getattr(self, name)) is not None
+        }
+        return replace(
+            self,
+            y=np.nanmedian(y, 0),
+            y_std=np.nanstd(y, 0, ddof=1),
+            z_e={name: np.nanmedian(values, 0) for name, values in each.items()},
+            z_e_std=spreads,
+            **middles,
+            outside=None if self.outside is None else _numpy(self.outside).mean(0) >= 0.5,
+            trusted=None if self.trusted is None else _numpy(self.trusted).astype(bool).all(0),
+            doubts=None if self.doubts is None else self.doubts.of_most(),
+        )
 
     def table(self) -> pd.DataFrame:
         """A row per seed, sample and time; columns seed, sample, ``t [s]``, states, z_e with their units, and, where
         there are any, their standard deviations, χ², misfit, whether the window lies outside, whether to trust it, and
-        whether its fit is doubtful.
+        whether its fit is doubtful.  Of a median no seed, and the states' standard deviations.
 
         Raises:
             InputError: the state is a field.
         """
-        y = np.asarray(self.y.cpu() if isinstance(self.y, Tensor) else self.y)
+        y = _numpy(self.y)
         names = [name for name in self.units if not name.startswith("z_e ")]
-        shape = (len(self.seeds), -1, len(self.t), len(names))
+        shape = (1 if self.y_std is not None else len(self.seeds), -1, len(self.t), len(names))
         if y.ndim not in (3, 4) or y.shape[-1] != len(names):
             raise InputError("forecast", f"states of shape {y.shape}", "a table holds states that are no fields")
         y = y.reshape(shape)
         index = np.indices(y.shape[:3]).reshape(3, -1)
-        columns = {"seed": np.array(self.seeds)[index[0]], "sample": index[1], "t [s]": self.t[index[2]]}
-        columns |= {labelled(name, self.units[name]): y[..., k].ravel() for k, name in enumerate(names)}
+        columns = {} if self.y_std is not None else {"seed": np.array(self.seeds)[index[0]]}
+        columns |= {"sample": index[1], "t [s]": self.t[index[2]]}
+        for k, name in enumerate(names):
+            columns[labelled(name, self.units[name])] = y[..., k].ravel()
+            if self.y_std is not None:
+                columns[labelled(f"{name} std", self.units[name])] = self.y_std[..., k].ravel()
         of_window = {labelled(f"z_e {name}", self.units[f"z_e {name}"]): value for name, value in self.z_e.items()}
         of_window |= {
             labelled(f"z_e {name} std", self.units[f"z_e {name}"]): value for name, value in self.z_e_std.items()
@@ -80,9 +115,17 @@ class Forecast:
         if self.doubts is not None:
             of_window["doubtful"] = self.doubts.any
         for name, value in of_window.items():
-            each = np.asarray(value.cpu() if isinstance(value, Tensor) else value).reshape(y.shape[:2])
+            each = _numpy(value).reshape(y.shape[:2])
             columns[name] = each[index[0], index[1]]
         return pd.DataFrame(columns)
+
+
+def _numpy(value: Array) -> np.ndarray:
+    return np.asarray(value.cpu() if isinstance(value, Tensor) else value)
+
+
+def _numpy_of(values: Mapping[str, Array]) -> dict[str, np.ndarray]:
+    return {name: _numpy(value) for name, value in values.items()}
 
 
 def labelled(name: str, unit: str) -> str:

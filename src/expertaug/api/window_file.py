@@ -26,13 +26,14 @@ from expertaug.trajectories import Trajectories
 
 logger = logging.getLogger(__name__)
 MOST_TIMES = 1_000_000
+MEDIAN = "median"  # of the seeds
 
 
 def forecast_file(
     model: Path,
     window: Path,
     output: Path | None = None,
-    seed: int | None = None,
+    seed: int | str | None = None,
     t_end: float | None = None,
     classes: Collection[str] = (),
     refine: float | str | None = None,
@@ -50,7 +51,7 @@ def forecast_file(
             standard deviations over the seeds; a line for each trajectory is logged.
         output: CSV; None: standard output.  Its columns are seed, sample, ``t [s]``, the states and the estimates of
             the expert parameters, ``z_e omega0 [rad/s]``, the misfit of the window, and whether it is to be trusted.
-        seed: one of the model's; None: all.
+        seed: one of the model's; median: one forecast of all (:meth:`Forecast.median`); None: all.
         t_end: last time in s; beyond the training's times their last step goes on.  None: the training's last.
         classes: as of :func:`expertaug.load`.
         refine: standard deviation of the data's noise, 0 for none, or "estimated" as from the training's: estimates are
@@ -64,7 +65,7 @@ def forecast_file(
         InputError: a file cannot be used, or the window's times are not the model's.
     """
     trained = load(model, classes=classes)
-    if seed is not None:
+    if isinstance(seed, int):
         if seed not in trained.seeds:
             raise InputError(model, f"no seed {seed}", f"it has {', '.join(map(str, trained.seeds))}")
         trained = trained[trained.seeds.index(seed)]
@@ -76,14 +77,15 @@ def forecast_file(
         trained = trained.watched(Trajectories.load(validation))
     settings = settings_of(model, measurements)
     if settings is not None and (measurements is not None or _is_like(window, settings)):
-        table = _of_trajectories(trained, window, settings, t_end)
+        table = _of_trajectories(trained, window, settings, t_end, seed == MEDIAN)
     else:
         names, t, y, u = read_windows(window, trained)
         if u is None:
             t = np.concatenate((t, _later(trained, t_end)))
         else:
             t, u = _given(window, trained, t, u, t_end)
-        table = trained.forecast(y, t, u=u).table()
+        forecast = trained.forecast(y, t, u=u)
+        table = (forecast.median() if seed == MEDIAN else forecast).table()
         table["sample"] = np.array(names, dtype=object)[table["sample"]]
     if output is None:
         table.to_csv(sys.stdout, index=False)
@@ -102,10 +104,11 @@ def _is_like(path: Path, settings: MeasurementSettings) -> bool:
 
 
 def _of_trajectories(
-    model: TrainedModel, path: Path, settings: MeasurementSettings, t_end: float | None
+    model: TrainedModel, path: Path, settings: MeasurementSettings, t_end: float | None, median: bool
 ) -> pd.DataFrame:
-    """Forecasts of the latest window of each trajectory: the columns of :meth:`Forecast.table`, times in the
-    trajectories' own, and the standard deviation of each state over the seeds where there are several."""
+    """Forecasts of the latest window of each trajectory: the columns of :meth:`Forecast.table`, of the seeds' median or
+    of each; times in the trajectories' own, and the standard deviation of each state over the seeds where there are
+    several."""
     windows = latest_windows([str(path)], settings, systems.names(model.system), model.t, model.observed)
     for name in windows.left_out:
         logger.warning("%s: no window as the model observes it: left out", name)
@@ -114,8 +117,8 @@ def _of_trajectories(
     else:
         t, u = _given(path, model, windows.t, windows.u, t_end)
     forecast = model.forecast(windows.y, t, u=u)
-    table = forecast.table()
-    for name in (p.name for p in model.system.state) if len(forecast.seeds) > 1 else ():
+    table = (forecast.median() if median else forecast).table()
+    for name in (p.name for p in model.system.state) if len(forecast.seeds) > 1 and not median else ():
         heading = labelled(name, forecast.units[name])
         over_seeds = table.groupby(["sample", "t [s]"])[heading].transform("std")
         table.insert(list(table.columns).index(heading) + 1, labelled(f"{name} std", forecast.units[name]), over_seeds)

@@ -62,7 +62,8 @@ def add_to(add: Callable[..., argparse.ArgumentParser]) -> None:
     p.add_argument("window", type=Path, help=text)
     add_paths(p, model="model file")
     p.add_argument("--output", type=Path, metavar="CSV", help="file of the forecasts (default: standard output)")
-    p.add_argument("--seed", type=int, help="one of the model's seeds (default: all)")
+    text = "one of the model's seeds, or median: one forecast of all of them (default: each)"
+    p.add_argument("--seed", type=_seed, metavar="SEED", help=text)
     p.add_argument("--t-end", type=float, metavar="S", help="end of the forecast in s (default: the training's)")
     text = "refine the estimates by least squares on each window: the noise's standard deviation, 0 for none, or "
     p.add_argument("--refine", type=_noise, metavar="NOISE", help=text + "estimated for that of the training data")
@@ -119,6 +120,10 @@ def _inspect_data(a: argparse.Namespace) -> None:
 
 def _noise(text: str) -> float | str:
     return text if text == "estimated" else float(text)
+
+
+def _seed(text: str) -> int | str:
+    return text if text == "median" else int(text)
 
 
 def _key(text: str) -> tuple[str, object]:

@@ -1,6 +1,6 @@
 """What tables, figures and studies are told of the configuration: it changes no number.
 
-Every function returns the ``settings`` of the stage of its name (``windows``: of alarm and distance).
+Every function returns the ``settings`` of the stage of its name (``windows``: of the studies of single windows).
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ def report(config: Configuration) -> dict[str, Any]:
 
 
 def windows(config: Configuration, experiment: str) -> dict[str, Any]:
-    """What the studies of single windows say: alarm and distance."""
+    """What the studies of single windows say: alarm, coverage, seeds and distance."""
     settings = config.experiments[experiment]
     ranges = _training_ranges(settings)
     shown = [v for v in variants(config, experiment) if config.methods[base(v)].estimator.has_expert]

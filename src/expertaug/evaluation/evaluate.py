@@ -159,6 +159,7 @@ def _of_every_sample(name: str, truth: Trajectories, scored: Scored) -> SetForec
         estimated_std=array(scored.stated_std),
         expected=array(scored.expected),
         moved=array(scored.moved),
+        median=array(scored.median),
     )
 
 

@@ -139,6 +139,7 @@ class SetForecasts:
             set too, and their standard deviations, where the version states some.
         expected: squared error that is expected of each forecast, (S, N), by a version with a distribution.
         moved: the same that a refined version expects of its encoder's forecasts.
+        median: squared error of the median over the seeds' forecasts, (N,), of several seeds that could be trained.
         ranks, tarp: of the true parameters among draws of z_e, (S, N, P), and by distance from random points, (S, N).
         crps, inside: of the drawn forecasts of M windows, (S, M), and the share of each one's times and quantities
             within its central intervals, (S, M, L).
@@ -155,6 +156,7 @@ class SetForecasts:
     estimated_std: np.ndarray | None = None
     expected: np.ndarray | None = None
     moved: np.ndarray | None = None
+    median: np.ndarray | None = None
     ranks: np.ndarray | None = None
     tarp: np.ndarray | None = None
     crps: np.ndarray | None = None

@@ -41,6 +41,7 @@ class Scored:
         stated, stated_std: z_e and, of the true equation, z_a, (S, N, K), and their standard deviations, where there
             are any.
         errors: squared error of every sample (S, N), as of :func:`squared_errors`; NaN of seeds that failed.
+        median: squared error of the median over the seeds that could be trained, (N,), where there are several.
         draws: of z_e (S, N, K, P), where the estimator has a distribution.
         misfit: the same over the observed window after its first point, which needs no truth.
         expected, moved: what is expected of the errors, and of the encoder's (:class:`ExpectedError`), each (S, N),
@@ -57,6 +58,7 @@ class Scored:
     misfit: Tensor
     expected: Tensor | None
     moved: Tensor | None
+    median: Tensor | None
     draws: Tensor | None
     drawn: DrawnScores | None = None
     band: Tensor | None = None
@@ -100,6 +102,7 @@ def score(
     check_given(system, None if truth.u is None else torch.from_numpy(truth.u), "set")
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
     late, early, after, estimates, kept, runaways, drawn, estimate_s = [], [], [], [], [], [], [], 0.0
+    trained, medians = [k for k, seed in enumerate(stored.seeds) if seed not in stored.failed], []
     of_truth, stated = bool(stored.card.truth), []
     outside, doubtful, probe = [], [], ExpertProbe(stored.model, drawing, len(truth))
     few = min(drawing.count, scoring.expected_draws)
@@ -118,6 +121,9 @@ def score(
         whole = (whole if u is None else whole.contiguous()).expand(seeds)  # rounding depends on how they lie
         forecasts = forecast(stored.model, whole.observed(observed), solver, start, limit)
         late.append(squared_errors(system, forecasts.states[begin:], y[begin:]).cpu())
+        if len(trained) > 1:
+            median = median_of_seeds(forecasts.states[begin:, trained])
+            medians.append(squared_errors(system, median, y[begin:])[0].cpu())
         early.append(window_residual(system, forecasts.states, y[:observed]).cpu())
         expected.add(forecasts, whole, limit)
         if begin < observed:
@@ -173,11 +179,19 @@ def score(
         errors,
         misfit,
         *expected.joined(),
+        torch.cat(medians) if medians else None,
         torch.cat(drawn, dim=1) if drawn else None,
         of_draws,
         torch.cat(bands, dim=3).movedim(1, 3).cpu() if bands and len(system.state_shape) == 1 else None,
         *(_together([pair[k] for pair in stated]) for k in range(2)),
     )
+
+
+def median_of_seeds(states: Tensor) -> Tensor:
+    """The median of each number over seeds, (T, S, N, *state): (T, 1, N, *state); of an even number of them the mean of
+    the middle two."""
+    ordered, seeds = states.sort(1).values, states.shape[1]
+    return (ordered[:, (seeds - 1) // 2] + ordered[:, seeds // 2]).unsqueeze(1) / 2
 
 
 def _together(parts: Sequence[Tensor | None]) -> Tensor | None:

@@ -231,7 +231,7 @@ class StudyJob(FigureReading):
 
 
 class WindowStudyJob(FigureReading):
-    """A study of single windows: alarm, coverage, distance."""
+    """A study of single windows: alarm, coverage, seeds, distance."""
 
     training_range: Ranges = key(dict, "of the expert parameters, where it is known")
     interaction_range: Ranges = key(dict, "of the interaction's parameters, where it is known")

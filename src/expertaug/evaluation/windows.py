@@ -44,6 +44,8 @@ class WindowSet:
         drawn: what draws of the estimates and of the forecasts are worth; None where a version estimates a point.
         expected: squared error that is expected of each forecast, (S, N), by a version with a distribution.
         moved: the same that a refined version expects of its encoder's forecasts.
+        median: squared error of the median over the seeds of each of G groups, (G, N); None of single seeds.
+        id: where they come from, (N,) texts; None of simulated ones.
     """
 
     errors: np.ndarray
@@ -54,6 +56,8 @@ class WindowSet:
     drawn: Drawn | None = None
     expected: np.ndarray | None = None
     moved: np.ndarray | None = None
+    median: np.ndarray | None = None
+    id: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -145,6 +149,8 @@ def _windows(set_forecasts: SetForecasts, good: list[int], count: int) -> Window
         drawn and replace(drawn, ranks=drawn.ranks[:, measured], tarp=drawn.tarp[:, measured]),
         of_seeds(set_forecasts.expected),
         of_seeds(set_forecasts.moved),
+        None if set_forecasts.median is None else set_forecasts.median[None, measured],
+        None if set_forecasts.sample_id is None else set_forecasts.sample_id[measured],
     )
 
 
@@ -174,6 +180,7 @@ def _joined(parts: Sequence[VersionWindows]) -> VersionWindows:
             drawn=_joined_draws([s.drawn for s in each]),
             expected=_together([s.expected for s in each]),
             moved=_together([s.moved for s in each]),
+            median=_together([s.median for s in each]),
         )
     seeds = [seed for part in parts for seed in part.seeds]
     return replace(first, seeds=seeds, sets=sets, own=_joined_draws([part.own for part in parts]))

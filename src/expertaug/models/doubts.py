@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -51,6 +51,11 @@ class FitDoubts:
     def any(self) -> Tensor:
         """Whether anything is doubtful about a window's fit, (S, N)."""
         return self.stuck | self.at_bound.any(-1) | self.untold.any(-1)
+
+    def of_most(self) -> FitDoubts:
+        """What holds for half of the seeds or more, with an axis of one seed."""
+        fields = ("stuck", "at_bound", "untold", "alone")
+        return replace(self, **{name: (getattr(self, name).double().mean(0) >= 0.5).unsqueeze(0) for name in fields})
 
     def reasons(self, window: int) -> list[str]:
         """Of one window, in words; what holds for half of the seeds or more."""

@@ -237,6 +237,13 @@ class Coverage(_WindowStudy):
     code = "expertaug.evaluation.coverage"
 
 
+class Seeds(_WindowStudy):
+    """show each seed, and the median of their forecasts"""
+
+    name = "seeds"
+    code = "expertaug.evaluation.seeds"
+
+
 class Distance(_WindowStudy):
     """show errors and alarms by the distance from the training range"""
 
