@@ -8,7 +8,7 @@ from swings import NAMES, STEP, settings, swing, table, trials
 
 from expertaug.errors import InputError
 from expertaug.measurements.cut import divide, measured, sets_of
-from expertaug.measurements.stage import cut_measurements
+from expertaug.measurements.stage import chunks_table, cut_measurements, described
 from expertaug.trajectories import Trajectories
 
 RULES = (
@@ -123,3 +123,12 @@ def test_the_stage_writes_sets_and_says_what_they_are(tmp_path):
     assert report["not_measured"] == ["omega"] and report["noise"]["omega"] is None
     assert report["noise"]["theta"] == pytest.approx(0.01, rel=0.15)
     assert path.read_bytes() == before
+
+
+def test_what_the_stage_says_is_a_call_in_memory(tmp_path):
+    data = measured(settings(trials(tmp_path), split={"by": "time"}), NAMES)
+    divided = sets_of(data)
+    table, report = chunks_table(data, divided), described(data, divided)
+    assert table.groupby("split").size().to_dict() == report["chunks"]
+    assert table["id"].tolist() == [identity for trajectories in divided.sets.values() for identity in trajectories.id]
+    assert len(list(tmp_path.iterdir())) == 1

@@ -8,7 +8,8 @@ import pytest
 from expertaug.config.sources import list_videos
 from expertaug.errors import InputError
 from expertaug_recordings.settings import ExtractFramesJob
-from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.frame_store import FrameStore
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from expertaug_recordings.video.source import Pictures
 
 COUNT = 12

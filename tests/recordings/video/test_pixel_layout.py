@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from expertaug_recordings.settings import ExtractFramesJob
-from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.frame_store import FrameStore
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from expertaug_recordings.video.pixel_layout import Layout
 from expertaug_recordings.video.reader import Video
 
