@@ -23,12 +23,12 @@ RULES = (
 )
 
 
-def spans(found):
+def spans(sets):
     """Per set, the (trajectory, row) that its chunks hold."""
     each = {}
-    for name, one in found.items():
-        split = [identity.rsplit("/", 1) for identity in one.id]
-        each[name] = {(where, int(row) + k) for where, row in split for k in range(len(one.t))}
+    for name, chunks in sets.items():
+        split = [identity.rsplit("/", 1) for identity in chunks.id]
+        each[name] = {(where, int(row) + k) for where, row in split for k in range(len(chunks.t))}
     return each
 
 

@@ -73,11 +73,11 @@ def configured(file: str) -> Configuration:
     return completed(found, STAGES)
 
 
-def jobs_with_settings(given: Configuration) -> Iterator[tuple[str, tuple]]:
+def jobs_with_settings(configuration: Configuration) -> Iterator[tuple[str, tuple]]:
     """A job of each stage that has settings, experiment and version: the groups of seeds are alike."""
     at_request = [("overlay", (None,)), ("draw_worst_frames", (None,)), ("unpack_markers", ())]
     first: dict[tuple[str, str], tuple[str, tuple]] = {}
-    for stage, names in (*planned(given), *at_request):
+    for stage, names in (*planned(configuration), *at_request):
         first.setdefault((stage, str(names[:2])), (stage, names))
     yield from (job for job in first.values() if STAGES[job[0]].slice)
 
