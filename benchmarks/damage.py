@@ -39,7 +39,8 @@ from damaged.base import Case, sound
 from expertaug.errors import InputError
 from expertaug_recordings.ibm import import_markers, unpack_archive
 from expertaug_recordings.settings import ExtractFramesJob, ImportMarkersJob, UnpackMarkersJob
-from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.frame_store import FrameStore
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 
 MEMORY_BYTES = 2**30  # that a case may take
 CASE_SECONDS = 30  # on a busy machine

@@ -15,9 +15,10 @@ from pathlib import Path
 
 import cv2
 
-from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.rendering.render import run_stage as render_recording
 from expertaug_recordings.settings import ExtractFramesJob, RenderVideoJob
-from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.frame_store import FrameStore
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 
 RATE_HZ, ROUNDS = 400, 5
 

@@ -36,7 +36,7 @@ from expertaug.files import atomic  # noqa: E402
 from expertaug_recordings.inspection.inspect import inspect  # noqa: E402
 from expertaug_recordings.markers.track import run_stage as track_markers  # noqa: E402
 from expertaug_recordings.rendering.motion import simulate  # noqa: E402
-from expertaug_recordings.video.frame_store import extract_frames  # noqa: E402
+from expertaug_recordings.video.frame_store import run_stage as extract_frames  # noqa: E402
 
 RATE_HZ, SLOWER = 38.0, 0.55  # a pendulum that so few frames can follow
 PLACES = ["pivot_x", "pivot_y", "joint_x", "joint_y", "tip_x", "tip_y"]

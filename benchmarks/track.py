@@ -30,7 +30,8 @@ from expertaug_recordings.markers.tracker import Track, track_frames
 from expertaug_recordings.rendering.render import RenderVideoJob, markers, motion, poses
 from expertaug_recordings.rendering.scene import HALF, RADIUS, Scene
 from expertaug_recordings.settings import ExtractFramesJob, TrackMarkersJob
-from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.frame_store import FrameStore
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from expertaug_recordings.video.writer import encode
 
 SIZE = 480  # px, that of a real frame

@@ -6,7 +6,7 @@ all of them together.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, write_json
-from expertaug.measurements.cut import Measured, Source, sets_of
+from expertaug.measurements.cut import Divided, Measured, Source, sets_of
 from expertaug.measurements.grid import Grid, Series
 from expertaug.measurements.horizons import long_set
 from expertaug.measurements.names import Names
@@ -55,31 +55,57 @@ class Recording:
         return np.where(self.measured[:, None], self.y, np.nan)
 
 
-def split_chunks(angles: Sequence[str | Path], output_dir: str | Path, job: SplitChunksJob) -> None:
-    """Cut the recordings into chunks and split them; no frame is in two splits.
+@dataclass(frozen=True)
+class Splits:
+    """Chunks of recordings, divided.
 
-    A chunk spans only frames that were measured (quality 1), also those between its points.
+    Attributes:
+        sets: train, validation and test (:class:`Trajectories`: t from 0 in s, y (N, length, 4) with the first angles
+            in (−π, π], z_e the initial speeds, id recording and first frame; of a single pendulum y (N, length, 2) and
+            z_e the ω0 that a fit of its whole recording finds).
+        chunks: a row for each chunk: of which recording and set, its first frame and its mean energy.
+        described: what splits.json says of them.
+    """
+
+    sets: Mapping[str, Trajectories]
+    chunks: pd.DataFrame
+    described: Mapping[str, object]
+
+
+def split_chunks(angles: Sequence[str | Path], output_dir: str | Path, job: SplitChunksJob) -> None:
+    """Stage: cut the recordings into chunks and split them; no frame is in two splits.
 
     Arguments:
         angles: the ``angles.csv`` of each recording, named by its folder, in any order.
-        output_dir: gets train.npz, validation.npz, test.npz (:class:`Trajectories`: t from 0 in s,
-            y (N, length, 4) with the first angles in (−π, π], z_e the initial speeds, id recording and first frame;
-            of a single pendulum y (N, length, 2) and z_e the ω0 that a fit of its whole recording finds), chunks.csv
-            and splits.json.
+        output_dir: gets train.npz, validation.npz, test.npz, chunks.csv and splits.json: those of :class:`Splits`.
         job: its settings.
 
     Raises:
-        InputError: a bad table, a rate that is no multiple of ``rate_hz``, or a split with too few chunks.
+        InputError: a bad table, or as of :func:`split_recordings`.
     """
-    data, fit = read_recordings(angles, job)
-    sets, rows, thresholds = sets_of(data)
-    for name, chunks in sets.items():
-        chunks.save(Path(output_dir) / f"{name}.npz")
-    _describe(Path(output_dir), data, sets, rows, thresholds, fit, job)
+    folder, splits = Path(output_dir), split_recordings(read_recordings(angles, job.single), job)
+    for name, chunks in splits.sets.items():
+        chunks.save(folder / f"{name}.npz")
+    with atomic(folder / "chunks.csv") as temporary:
+        splits.chunks.to_csv(temporary, index=False, float_format="%.7g")
+    write_json(folder / "splits.json", dict(splits.described))
+
+
+def split_recordings(recordings: Iterable[Recording], job: SplitChunksJob) -> Splits:
+    """Cut recordings into chunks and split them; no frame is in two splits.
+
+    A chunk spans only frames that were measured (quality 1), also those between its points.
+
+    Raises:
+        InputError: as of :func:`as_measured`, or a split with too few chunks.
+    """
+    data, fit = as_measured(recordings, job)
+    divided = sets_of(data)
+    return Splits(divided.sets, _chunks(data, divided, job), _described(data, divided, fit, job))
 
 
 def cut_horizon(angles: Sequence[str | Path], output: str | Path, job: CutHorizonJob) -> None:
-    """Cut a set of long chunks out of the frames of a split, evenly spread.
+    """Stage: cut a set of long chunks out of the frames of a split, evenly spread.
 
     Arguments:
         angles: as of :func:`split_chunks`, which divides the frames in the same way.
@@ -89,30 +115,43 @@ def cut_horizon(angles: Sequence[str | Path], output: str | Path, job: CutHorizo
     Raises:
         InputError: a bad table, or no stretch of the split's frames is as long as that.
     """
-    long_set(read_recordings(angles, job.split)[0], job.set).save(Path(output))
+    recordings = read_recordings(angles, job.split.single)
+    long_set(as_measured(recordings, job.split)[0], job.set).save(Path(output))
 
 
-def read_recordings(angles: Sequence[str | Path], job: SplitChunksJob) -> tuple[Measured, Fit]:
-    """The recordings in natural order of their names as measurements, with each frame's energy in s⁻² as the quantity
-    that divides them; and the constants of these energies, fitted to all recordings: no model sees them.
+def read_recordings(angles: Sequence[str | Path], single: bool = False) -> list[Recording]:
+    """Recordings' angles.
+
+    Arguments:
+        single: whether they are of a single pendulum.
 
     Raises:
-        InputError: a bad table, two recordings of one name, or rates that are no multiple of ``rate_hz``, or several.
+        InputError: a bad table.
+    """
+    return [_read(Path(path), SINGLE if single else tuple(STATE)) for path in angles]
+
+
+def as_measured(recordings: Iterable[Recording], job: SplitChunksJob) -> tuple[Measured, Fit]:
+    """Recordings in natural order of their names as measurements, with each frame's energy in s⁻² as the quantity that
+    divides them; and the constants of these energies, fitted to all recordings: no model sees them.
+
+    Raises:
+        InputError: two recordings of one name, or rates that are no multiple of ``rate_hz``, or several.
     """
     state = SINGLE if job.single else tuple(STATE)
-    recordings = sorted((_read(Path(path), state) for path in angles), key=lambda r: natural_key(r.name))
-    names = [r.name for r in recordings]
-    if not recordings or len(set(names)) < len(names):
+    ordered = sorted(recordings, key=lambda recording: natural_key(recording.name))
+    names = [recording.name for recording in ordered]
+    if not ordered or len(set(names)) < len(names):
         raise InputError("angles", f"recordings are {names}", "give the angles of recordings with different names")
-    step = _step(recordings, job)
-    fit = _fit(recordings, step, job)
+    step = _step(ordered, job)
+    fit = _fit(ordered, step, job)
     row_s = 1 / (job.rate_hz * step)
-    series = [_series(r, row_s, _energy(r, fit, job), job.single) for r in recordings]
-    settings = _as_measurements(recordings, state, job)
+    series = [_series(recording, row_s, _energy(recording, fit, job), job.single) for recording in ordered]
+    settings = _as_measurements(ordered, state, job)
     units = {name: STATE[name] for name in state}
     parameters = {"omega0": "rad/s"} if job.single else {name: STATE[name] for name in settings.z_e}
     grid = Grid(series, row_s, step, 0, None, rate_hz=job.rate_hz)
-    files = [r.path for r in recordings]
+    files = [recording.path for recording in ordered]
     return Measured(files, Names(units, parameters), settings, grid, None, RECORDED, nearer=True), fit
 
 
@@ -155,16 +194,17 @@ def _fit(recordings: Sequence[Recording], step: int, job: SplitChunksJob) -> Fit
 
 def _energy(recording: Recording, fit: Fit, job: SplitChunksJob) -> np.ndarray:
     """Of each frame in s⁻², (n,)."""
-    return single_energy(*recording.y.T, fit.constants.G1) if job.single else energy(recording.y, fit.constants)
+    y, constants = recording.y, fit.constants
+    return single_energy(*y.T, constants.G1) if job.single else energy(y, constants)
 
 
 def _series(recording: Recording, row_s: float, level: np.ndarray, single: bool) -> Series:
     """A recording's frames as points of a grid."""
-    n = len(recording.frame)
+    n, y, rate = len(recording.frame), recording.y, recording.rate_hz
     t, none = np.arange(n) * row_s, np.zeros((n, 0))
-    z_e = np.sqrt([fit_single(recording.known, recording.rate_hz)[0].constants.G1]) if single else np.full(2, np.nan)
-    rows = Rows(recording.name, recording.path, recording.frame, t, recording.y, none, z_e, level, None, 0)
-    return Series(rows, t, np.arange(n), recording.y, none, recording.measured, level, None)
+    z_e = np.sqrt([fit_single(recording.known, rate)[0].constants.G1]) if single else np.full(2, np.nan)
+    rows = Rows(recording.name, recording.path, recording.frame, t, y, none, z_e, level, None, 0)
+    return Series(rows, t, np.arange(n), y, none, recording.measured, level, None)
 
 
 def _as_measurements(recordings: Sequence[Recording], state: Sequence[str], job: SplitChunksJob) -> MeasurementSettings:
@@ -184,51 +224,44 @@ def _as_measurements(recordings: Sequence[Recording], state: Sequence[str], job:
     )
 
 
-def _describe(
-    output_dir: Path,
-    data: Measured,
-    sets: dict[str, Trajectories],
-    rows: dict[str, np.ndarray],
-    thresholds: dict[str, float] | None,
-    fit: Fit,
-    job: SplitChunksJob,
-) -> None:
-    """Write chunks.csv and splits.json."""
-    series, tables, counts, speeds = data.grid.series, [], {}, {}
+def _chunks(data: Measured, divided: Divided, job: SplitChunksJob) -> pd.DataFrame:
+    """A row for each chunk of each set."""
+    series, tables = data.grid.series, []
     ahead = data.grid.step * np.arange(job.length)
-    for name, chunks in sets.items():
-        recordings = [series[index] for index, _ in rows[name]]
-        first = rows[name][:, 1]
-        counts[name] = {recording.name: int((rows[name][:, 0] == k).sum()) for k, recording in enumerate(series)}
-        speeds[name] = np.quantile(np.abs(chunks.y[:, 0, chunks.y.shape[2] // 2 :]), 0.99, axis=0).round(3).tolist()
+    for name, of_set in divided.rows.items():
+        recordings, first = [series[index] for index, _ in of_set], of_set[:, 1]
+        begins = list(zip(recordings, first, strict=True))
         tables.append(
             pd.DataFrame(
                 {
                     "chunk": np.arange(len(first)),
                     "recording": [recording.name for recording in recordings],
-                    "first_frame": [recording.rows.line[k] for recording, k in zip(recordings, first, strict=True)],
+                    "first_frame": [recording.rows.line[k] for recording, k in begins],
                     "split": name,
-                    "energy": [
-                        recording.level[k + ahead].mean() for recording, k in zip(recordings, first, strict=True)
-                    ],
+                    "energy": [recording.level[k + ahead].mean() for recording, k in begins],
                 }
             )
         )
-    with atomic(output_dir / "chunks.csv") as temporary:
-        pd.concat(tables).to_csv(temporary, index=False, float_format="%.7g")
-    write_json(
-        output_dir / "splits.json",
-        {
-            "by": job.by,
-            "thresholds": thresholds,
-            "chunks": {name: len(chunks) for name, chunks in sets.items()},
-            "recordings": counts,
-            "initial_speeds_p99": speeds,
-            "energy_constants": fit.constants.to_dict(),
-            "energy_constants_note": "fitted on all recordings; a label to rank chunks by, used by no model",
-            "settings": {
-                **job.model_dump(exclude={"horizons_s"}),
-                "max_chunks": {name: job.limit(name) for name in SPLITS},
-            },
+    return pd.concat(tables)
+
+
+def _described(data: Measured, divided: Divided, fit: Fit, job: SplitChunksJob) -> dict[str, object]:
+    """What splits.json says."""
+    series, counts, speeds = data.grid.series, {}, {}
+    for name, chunks in divided.sets.items():
+        starts = divided.rows[name][:, 0]
+        counts[name] = {recording.name: int((starts == k).sum()) for k, recording in enumerate(series)}
+        speeds[name] = np.quantile(np.abs(chunks.y[:, 0, chunks.y.shape[2] // 2 :]), 0.99, axis=0).round(3).tolist()
+    return {
+        "by": job.by,
+        "thresholds": divided.thresholds,
+        "chunks": {name: len(chunks) for name, chunks in divided.sets.items()},
+        "recordings": counts,
+        "initial_speeds_p99": speeds,
+        "energy_constants": fit.constants.to_dict(),
+        "energy_constants_note": "fitted on all recordings; a label to rank chunks by, used by no model",
+        "settings": {
+            **job.model_dump(exclude={"horizons_s"}),
+            "max_chunks": {name: job.limit(name) for name in SPLITS},
         },
-    )
+    }

@@ -93,16 +93,31 @@ def import_markers(csv: str | Path, output: str | Path, job: ImportMarkersJob) -
     Raises:
         InputError: a missing column, text, NaN or points that make no arm; with row and column, both from 1.
     """
-    raw = _read_ibm(Path(csv))
-    _check_arms(Path(csv), raw, job)
+    path = Path(csv)
+    table = convert_markers(parse_markers(_read_text(path), path), job, path)
+    with atomic(output) as temporary:
+        table.to_csv(temporary, index=False, float_format="%.9g")
+
+
+def convert_markers(raw: np.ndarray, job: ImportMarkersJob, where: object = "markers") -> pd.DataFrame:
+    """The table of markers of an IBM marker CSV.
+
+    Arguments:
+        raw: the numbers of its six columns, (n, 6).
+        job: what they mean.
+        where: what messages call them.
+
+    Raises:
+        InputError: points that are no pixels, or make no arm; with row and column, both from 1.
+    """
+    _check_arms(where, raw, job)
     px = (raw - job.offset) / job.scale
     frame = np.arange(len(px))
     table = pd.DataFrame({"frame": frame, "t": frame / job.rate_hz})
     for name, column in zip(PLACES, (1, 0, 3, 2, 5, 4), strict=True):
         table[name] = px[:, column]
     table["quality"], table["reason"] = 1, ""
-    with atomic(output) as temporary:
-        table.to_csv(temporary, index=False, float_format="%.9g")
+    return table
 
 
 def _is_marker_file(path: PurePosixPath | Path) -> bool:
@@ -119,26 +134,36 @@ def _by_name(where: Path, paths: Iterable[P]) -> dict[str, P]:
     return by_name(where, paths)
 
 
-def _read_ibm(path: Path) -> np.ndarray:
-    """The six columns of a CSV as (n, 6) float64, checked cell by cell."""
+def _read_text(path: Path) -> str:
     try:
         if path.stat().st_size > MAX_CSV_BYTES:
             raise InputError(path, f"is larger than {MAX_CSV_BYTES >> 20} MiB", "split the recording")
         with path.open(newline="", encoding="utf-8-sig") as stream:
-            text = stream.read()
-        rows = list(csv_format.reader(io.StringIO(text, newline="")))
+            return stream.read()
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})", "give a marker CSV") from error
-    except (UnicodeDecodeError, csv_format.Error) as error:
+    except UnicodeDecodeError as error:
         raise InputError(path, f"not a CSV ({error})", f"expected rows of {','.join(IBM_COLUMNS)}") from error
+
+
+def parse_markers(text: str, where: object = "markers") -> np.ndarray:
+    """The six columns of a CSV's text as (n, 6) float64, checked cell by cell.
+
+    Raises:
+        InputError: a missing column, text or NaN; with row and column, both from 1.
+    """
+    try:
+        rows = list(csv_format.reader(io.StringIO(text, newline="")))
+    except csv_format.Error as error:
+        raise InputError(where, f"not a CSV ({error})", f"expected rows of {','.join(IBM_COLUMNS)}") from error
     while rows and not rows[-1]:
         rows.pop()
     if not rows:
-        raise InputError(path, "no rows in it", f"expected rows of {','.join(IBM_COLUMNS)}")
+        raise InputError(where, "no rows in it", f"expected rows of {','.join(IBM_COLUMNS)}")
     for number, row in enumerate(rows, 1):
         if len(row) != len(IBM_COLUMNS):
             column = f"column {IBM_COLUMNS[len(row)]} is missing" if len(row) < len(IBM_COLUMNS) else "too many columns"
-            raise InputError(path, f"row {number}: {column} ({len(row)} found)", f"expected {','.join(IBM_COLUMNS)}")
+            raise InputError(where, f"row {number}: {column} ({len(row)} found)", f"expected {','.join(IBM_COLUMNS)}")
     try:
         values = np.array(rows, dtype=np.float64) if DIGITS.fullmatch(text) else None
     except ValueError:
@@ -148,7 +173,7 @@ def _read_ibm(path: Path) -> np.ndarray:
             (r, c, cell) for r, cells in enumerate(rows) for c, cell in enumerate(cells) if not _is_number(cell)
         )
         raise InputError(
-            path, f"row {row + 1}, column {IBM_COLUMNS[column]}: '{cell}' is no number", "expected numbers, no header"
+            where, f"row {row + 1}, column {IBM_COLUMNS[column]}: '{cell}' is no number", "expected numbers, no header"
         )
     return values
 
@@ -160,12 +185,12 @@ def _is_number(text: str) -> bool:
         return False
 
 
-def _check_arms(path: Path, raw: np.ndarray, job: ImportMarkersJob) -> None:
+def _check_arms(where: object, raw: np.ndarray, job: ImportMarkersJob) -> None:
     far = np.abs(raw - job.offset) > MAX_PX * job.scale
     if far.any():
         row, column = np.argwhere(far)[0]
         problem = f"row {row + 1}, column {IBM_COLUMNS[column]}: {raw[row, column]:g}"
-        raise InputError(path, problem, f"expected pixels times {job.scale:g}, within {MAX_PX:g} px")
+        raise InputError(where, problem, f"expected pixels times {job.scale:g}, within {MAX_PX:g} px")
     points = raw.reshape(-1, 3, 2)
     for arm, columns in ((0, "y_green,x_green"), (1, "y_blue,x_blue")):
         length = np.linalg.norm(points[:, arm + 1] - points[:, arm], axis=1) / job.scale
@@ -173,11 +198,11 @@ def _check_arms(path: Path, raw: np.ndarray, job: ImportMarkersJob) -> None:
         remedy = "the points must make two arms of constant length; are the columns y,x of red, green, blue?"
         if (length == 0).any():
             row = int(np.argmax(length == 0)) + 1
-            raise InputError(path, f"row {row}, columns {columns}: arm {arm + 1} has no length", remedy)
+            raise InputError(where, f"row {row}, columns {columns}: arm {arm + 1} has no length", remedy)
         off = np.abs(length / middle - 1) > job.arm_tolerance
         if off.mean() > job.arm_outliers:
             row = int(np.argmax(off)) + 1
             problem = (
                 f"arm {arm + 1} is {length[row - 1]:.1f} px, not {middle:.1f}; {off.mean():.0%} of the rows are off"
             )
-            raise InputError(path, f"row {row}, columns {columns}: {problem}", remedy)
+            raise InputError(where, f"row {row}, columns {columns}: {problem}", remedy)

@@ -12,9 +12,9 @@ import struct
 import tarfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path, PurePosixPath
-from typing import IO
+from typing import IO, NamedTuple
 
 from expertaug.errors import InputError
 
@@ -65,9 +65,8 @@ def unpack(archive: Path, folder: Path, choose: Callable[[list[PurePosixPath]], 
         if tar is not None:
             with tar:
                 members = _members(archive, tar)
-                odd = [m.name for m in members if not (m.isfile() or m.isdir())]
-                names = [(m.name, m.size, m.isfile()) for m in members]
-                _extract(archive, folder, names, odd, lambda name: tar.extractfile(name), choose)
+                listed = [Member(m.name, m.size, m.isfile(), not (m.isfile() or m.isdir())) for m in members]
+                _extract(folder, chosen_members(listed, choose, archive), lambda name: tar.extractfile(name))
                 while tar.fileobj.read(2**20):  # a packed tar's checksum is at its end
                     pass
         elif zipfile.is_zipfile(archive):
@@ -75,9 +74,10 @@ def unpack(archive: Path, folder: Path, choose: Callable[[list[PurePosixPath]], 
                 infos = pack.infolist()
                 if len(infos) > MAX_MEMBERS:
                     raise _too_many(archive)
-                odd = [i.filename for i in infos if stat.S_ISLNK(i.external_attr >> 16)]
-                names = [(i.filename, i.file_size, not i.is_dir()) for i in infos]
-                _extract(archive, folder, names, odd, pack.open, choose)
+                listed = [
+                    Member(i.filename, i.file_size, not i.is_dir(), stat.S_ISLNK(i.external_attr >> 16)) for i in infos
+                ]
+                _extract(folder, chosen_members(listed, choose, archive), pack.open)
         else:
             raise InputError(archive, "neither a tar nor a zip archive", "give the dataset's .tar.gz or .zip")
     except DAMAGE as error:
@@ -127,45 +127,64 @@ def _too_many(archive: Path) -> InputError:
     return InputError(archive, f"holds more than {MAX_MEMBERS} members", "do not trust this archive")
 
 
-def _extract(
-    archive: Path,
-    folder: Path,
-    members: list[tuple[str, int, bool]],
-    odd: list[str],
-    open_member: Callable[[str], IO[bytes] | None],
+class Member(NamedTuple):
+    """What an archive says of one of its members: its name, its size in bytes, whether it is a file, and whether it is
+    a link or a device."""
+
+    name: str
+    size: int
+    is_file: bool
+    is_odd: bool
+
+
+def chosen_members(
+    members: Sequence[Member],
     choose: Callable[[list[PurePosixPath]], Iterable[PurePosixPath]],
-) -> None:
-    if odd:
-        raise InputError(archive, f"member '{odd[0]}' is a link or a device", "an archive of plain files is needed")
-    for name, _, _ in members:
+    where: object = "archive",
+) -> list[tuple[PurePosixPath, str]]:
+    """The files that are unpacked: where to, and the name of the member.
+
+    Arguments:
+        members: of the archive.
+        choose: as of :func:`unpack`.
+        where: what messages call the archive.
+
+    Raises:
+        InputError: as of :func:`unpack`, by what the archive says of its members.
+    """
+    if odd := [member.name for member in members if member.is_odd]:
+        raise InputError(where, f"member '{odd[0]}' is a link or a device", "an archive of plain files is needed")
+    for name, *_ in members:
         path = PurePosixPath(name)
         if path.is_absolute() or ".." in path.parts or "\\" in name or ":" in name:
-            raise InputError(archive, f"member '{name}' would land outside of the folder", "do not trust this archive")
+            raise InputError(where, f"member '{name}' would land outside of the folder", "do not trust this archive")
         if max(len(part.encode(errors="surrogateescape")) for part in path.parts or ("",)) > LONGEST_NAME:
-            raise InputError(
-                archive, f"member '{name}' has too long a name", f"at most {LONGEST_NAME} bytes can be used"
-            )
+            raise InputError(where, f"member '{name}' has too long a name", f"at most {LONGEST_NAME} bytes can be used")
         if len(path.parts) > DEEPEST:
             raise InputError(
-                archive, f"member '{name}' lies {len(path.parts)} folders deep", f"at most {DEEPEST} can be used"
+                where, f"member '{name}' lies {len(path.parts)} folders deep", f"at most {DEEPEST} can be used"
             )
     files: dict[PurePosixPath, tuple[str, int]] = {}
-    for name, size, is_file in members:
+    for name, size, is_file, _ in members:
         path = PurePosixPath(name)
         if path in files:
-            raise InputError(archive, f"two members are called '{name}'", "pack it again")
+            raise InputError(where, f"two members are called '{name}'", "pack it again")
         if is_file:
             files[path] = (name, size)
     both = next((path for path in files if any(parent in files for parent in path.parents)), None)
     if both is not None:
-        raise InputError(archive, f"member '{both}' lies in a folder that is a file as well", "pack it again")
+        raise InputError(where, f"member '{both}' lies in a folder that is a file as well", "pack it again")
     chosen = list(choose(list(files)))
     if sum(files[path][1] for path in chosen) > MAX_UNPACKED_BYTES:
-        raise InputError(
-            archive, f"its files take more than {MAX_UNPACKED_BYTES >> 20} MiB", "do not trust this archive"
-        )
-    for path in chosen:
+        raise InputError(where, f"its files take more than {MAX_UNPACKED_BYTES >> 20} MiB", "do not trust this archive")
+    return [(path, files[path][0]) for path in chosen]
+
+
+def _extract(
+    folder: Path, chosen: Iterable[tuple[PurePosixPath, str]], open_member: Callable[[str], IO[bytes] | None]
+) -> None:
+    for path, name in chosen:
         target = folder / path
         target.parent.mkdir(parents=True, exist_ok=True)
-        with open_member(files[path][0]) as source, target.open("wb") as stream:
+        with open_member(name) as source, target.open("wb") as stream:
             shutil.copyfileobj(source, stream)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -17,8 +19,22 @@ from expertaug.evaluation.forecasts import Forecasts, SetForecasts, VersionKey
 from expertaug.evaluation.grid import grid
 from expertaug.evaluation.own_priors import OwnPrior, own_priors
 from expertaug.evaluation.published import compare
-from expertaug.evaluation.settings import CompareJob, GridJob, OwnPriorsJob, StudyJob, WindowStudyJob
+from expertaug.evaluation.report.page import report
+from expertaug.evaluation.report.shown import Picture, Results, Shown
+from expertaug.evaluation.report.tables import Frame
+from expertaug.evaluation.run_record import RunRecord
+from expertaug.evaluation.samples import Samples
+from expertaug.evaluation.settings import (
+    CompareJob,
+    GridJob,
+    OwnPriorsJob,
+    ReportExperiment,
+    ReportJob,
+    StudyJob,
+    WindowStudyJob,
+)
 from expertaug.evaluation.studies import study
+from expertaug.evaluation.summary import with_intervals
 from expertaug.evaluation.tabulate import tabulate
 from expertaug.models.decoder import Decoder
 from expertaug.models.store import StoredModel
@@ -114,3 +130,35 @@ def test_the_table_of_ranges():
     row = OwnPrior("A+", "all", "omega0", 1.5, 3.1, 0.5, 3.5, 0.9, 3, True, "it explains 90 %")
     text = own_priors([row], OwnPriorsJob(experiment="e", priors=[("A+", "all")])).markdown()
     assert "| A+ | all | omega0 | [1.5, 3.1] | [0.5, 3.5] | 90 |" in text
+
+
+def test_the_page():
+    """A study's own numbers and figure, on a page of an experiment's long table."""
+    of = forecasts("aphynity", "swing")
+    long = with_intervals(rows(of, "APHYNITY"), Samples([of]))
+    study = distance([forecasts()], WindowStudyJob.from_mapping(CURVES))
+    stream = io.BytesIO()
+    study.figure().savefig(stream, format="png")
+    shown = [
+        Shown(
+            "figures/swing_distance.png",
+            "How far it goes.",
+            {"experiment": "swing"},
+            "distance",
+            Picture.of(stream.getvalue()),
+        ),
+        Shown("tables/swing_distance.md", "", {"experiment": "swing"}, "distance", numbers=Frame(study.numbers)),
+    ]
+    job = ReportJob(
+        shown=[],
+        rules=[("train", "evaluate")],
+        experiments=[ReportExperiment(name="swing", labels=[])],
+        files=["a.yaml"],
+        preset="corrected",
+        seeds=SEEDS,
+        device="cpu",
+    )
+    record = RunRecord(["1f2e"], {"expertaug": "1"}, {"processor": "none"}, 0, 0)
+    page = report(Results([long], shown, record), job)
+    assert "<h1>Results of swing</h1>" in page and "How far it goes." in page and "1f2e" in page
+    assert page.count("data:image/png;base64,") == 1 and "The numbers of Figure 1" in page

@@ -21,8 +21,8 @@ from expertaug.evaluation.costs import Cost
 from expertaug.evaluation.intervals import Interval
 from expertaug.evaluation.report import headline, tables
 from expertaug.evaluation.report.page import run_stage as report
-from expertaug.evaluation.report.shown import Shown
-from expertaug.evaluation.settings import ReportExperiment, ReportJob, TabulateJob
+from expertaug.evaluation.report.shown import caption
+from expertaug.evaluation.settings import ReportExperiment, ReportJob, ShownFile, TabulateJob
 from expertaug.evaluation.summary import TabledMean
 from expertaug.evaluation.tabulate import run_stage as tabulate
 from expertaug.files import write_json
@@ -211,14 +211,15 @@ def test_a_missing_file_is_one_clear_line_and_no_page(run, file, said):
 
 @pytest.mark.parametrize("path", sorted(CAPTIONS.glob("*.rst")), ids=lambda path: path.name)
 def test_captions_are_plain_sentences(path):
-    text = Shown("figures/x.png", str(path), {"experiment": "swing", "recording": "r0"}, "x").text("corrected")
+    wildcards = {"experiment": "swing", "recording": "r0"}
+    text = caption(ShownFile(path="figures/x.png", caption=str(path), wildcards=wildcards, title="x"), "corrected")
     assert text.endswith(".") and not re.search(r"[`*{}]|::|\.\. |None", text), "shown as they are, not as markup"
 
 
 def test_a_caption_that_names_what_it_is_not_given_is_refused(tmp_path):
     (tmp_path / "c.rst").write_text("{{ snakemake.wildcards.recording }}")
     with pytest.raises(InputError, match=r"no caption for figures/x\.png"):
-        Shown("figures/x.png", str(tmp_path / "c.rst"), {"experiment": "swing"}, "x").text("")
+        caption(ShownFile(path="figures/x.png", caption=str(tmp_path / "c.rst"), wildcards={}, title="x"), "")
 
 
 def mean_of(method: str, name: str, score: float) -> TabledMean:

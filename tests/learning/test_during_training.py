@@ -6,12 +6,18 @@ import pandas as pd
 import pytest
 import torch
 
+from expertaug.evaluation import during_training as following
+from expertaug.evaluation.settings import DuringTrainingJob
 from expertaug.learning import finetune, snapshots
+from expertaug.learning.during_training import ModelState, Steps, states
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
+from expertaug.rows import frame
 from expertaug.tracking.log import read_log
+from expertaug.tracking.metrics_csv import MetricRow
 from expertaug.tracking.settings import Tracking
-from typed_jobs import during_training, train
+from expertaug.trajectories import Trajectories
+from typed_jobs import during_training, job, train
 
 PRIOR = {"omega0": [0.5, 3.5]}
 CPU = torch.device("cpu")
@@ -77,22 +83,22 @@ def study_settings(settings):
 def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, settings, monkeypatch):
     run(data, tmp_path, settings | {"snapshots": [1, 3]})
     options = study_settings(settings)
-    run_stage, trained = finetune.run_stage, []
+    tune, trained = finetune.finetune, []
 
     def dying(*arguments):
         if len(trained) == 2:
             raise KeyboardInterrupt
-        trained.append(arguments[5].training.epochs)
-        run_stage(*arguments)
+        trained.append(arguments[4].training.epochs)
+        return tune(*arguments)
 
     files = tmp_path / snapshots.NAME, data, tmp_path / "during_training.csv", tmp_path / "work_during_training"
-    monkeypatch.setattr(finetune, "run_stage", dying)
+    monkeypatch.setattr(finetune, "finetune", dying)
     with pytest.raises(KeyboardInterrupt):
         during_training(*files, copy.deepcopy(options), None)
     assert trained == [1, 2] and not files[2].exists()
     assert read_log(tmp_path / "during_training.jsonl").lines[-1].status == "KILLED"
     calls = []
-    monkeypatch.setattr(finetune, "run_stage", lambda *a: (calls.append(a[5].training.epochs), run_stage(*a)))
+    monkeypatch.setattr(finetune, "finetune", lambda *a: calls.append(a[4].training.epochs) or tune(*a))
     during_training(*files, options, None)
     assert calls == [1, 2], "those of the first snapshot were there already"
     assert not files[3].exists()
@@ -102,6 +108,30 @@ def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, s
     }
     scores = table[table["metric"] == "log_mse_sum"].set_index(["epoch", "finetune_epochs", "set", "seed"])["value"]
     assert len(scores) == 2 * 3 * 3 * 2 and scores.is_unique
+    rows = frame(MetricRow, in_memory(files[0], data, job(DuringTrainingJob, options)))
+    timed = table["metric"] == "estimate_ms"
+    pd.testing.assert_frame_equal(rows[~timed], table[~timed], check_exact=True)
+
+
+def in_memory(snapshots_file, data, settings):
+    """The rows of a study's job, without a file of its own."""
+    trained = [ModelState(k, 0, stored) for k, stored in snapshots.load(snapshots_file, CPU).items()]
+    sets = {name: Trajectories.load(data / f"{name}.npz") for name in ("train", "validation", "test")}
+    steps = Steps(sets["train"], sets["validation"])
+    models = states(trained, steps, settings.augment, settings.finetune, settings.finetune_epochs)
+    return following.during_training(models, sets, settings)
+
+
+def test_the_study_is_a_call_in_memory(data, tmp_path, settings, monkeypatch):
+    run(data, tmp_path, settings | {"snapshots": [1]})
+    before = sorted(tmp_path.rglob("*"))
+    monkeypatch.chdir(tmp_path)
+    rows = in_memory(
+        tmp_path / snapshots.NAME, data, job(DuringTrainingJob, study_settings(settings) | {"finetune_epochs": [1]})
+    )
+    scores = {(row.set, row.seed, row.finetune_epochs): row.value for row in rows if row.metric == "log_mse_sum"}
+    assert len(scores) == 3 * 2 * 2 == len(set(scores.values())) and {row.epoch for row in rows} == {1}
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 @pytest.mark.slow

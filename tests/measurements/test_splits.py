@@ -8,7 +8,7 @@ from swings import NAMES, STEP, settings, swing, table, trials
 
 from expertaug.errors import InputError
 from expertaug.measurements.cut import divide, measured, sets_of
-from expertaug.measurements.stage import cut_measurements
+from expertaug.measurements.stage import chunks_table, cut_measurements, described
 from expertaug.trajectories import Trajectories
 
 RULES = (
@@ -23,12 +23,12 @@ RULES = (
 )
 
 
-def spans(found):
+def spans(sets):
     """Per set, the (trajectory, row) that its chunks hold."""
     each = {}
-    for name, one in found.items():
-        split = [identity.rsplit("/", 1) for identity in one.id]
-        each[name] = {(where, int(row) + k) for where, row in split for k in range(len(one.t))}
+    for name, chunks in sets.items():
+        split = [identity.rsplit("/", 1) for identity in chunks.id]
+        each[name] = {(where, int(row) + k) for where, row in split for k in range(len(chunks.t))}
     return each
 
 
@@ -123,3 +123,12 @@ def test_the_stage_writes_sets_and_says_what_they_are(tmp_path):
     assert report["not_measured"] == ["omega"] and report["noise"]["omega"] is None
     assert report["noise"]["theta"] == pytest.approx(0.01, rel=0.15)
     assert path.read_bytes() == before
+
+
+def test_what_the_stage_says_is_a_call_in_memory(tmp_path):
+    data = measured(settings(trials(tmp_path), split={"by": "time"}), NAMES)
+    divided = sets_of(data)
+    table, report = chunks_table(data, divided), described(data, divided)
+    assert table.groupby("split").size().to_dict() == report["chunks"]
+    assert table["id"].tolist() == [identity for trajectories in divided.sets.values() for identity in trajectories.id]
+    assert len(list(tmp_path.iterdir())) == 1

@@ -22,7 +22,7 @@ from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.settings import StatedTimes
-from expertaug_recordings.video.frame_store import extract_frames
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 
 DEFAULT = Path(__file__).parents[2] / "config" / "config.yaml"
 SLOWER = 0.55  # a pendulum that 38 frames/s can follow

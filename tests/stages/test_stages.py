@@ -19,6 +19,8 @@ from expertaug.cli import BAD_INPUT, main
 from expertaug.config import load as config
 from expertaug.config.load import completed
 from expertaug.config.models import Configuration
+from expertaug.evaluation.products import STUDIES
+from expertaug.evaluation.studies import KINDS
 from expertaug.settings import Settings
 from expertaug.stages import STAGES
 from expertaug.stages.planned import planned
@@ -71,11 +73,11 @@ def configured(file: str) -> Configuration:
     return completed(found, STAGES)
 
 
-def jobs_with_settings(given: Configuration) -> Iterator[tuple[str, tuple]]:
+def jobs_with_settings(configuration: Configuration) -> Iterator[tuple[str, tuple]]:
     """A job of each stage that has settings, experiment and version: the groups of seeds are alike."""
     at_request = [("overlay", (None,)), ("draw_worst_frames", (None,)), ("unpack_markers", ())]
     first: dict[tuple[str, str], tuple[str, tuple]] = {}
-    for stage, names in (*planned(given), *at_request):
+    for stage, names in (*planned(configuration), *at_request):
         first.setdefault((stage, str(names[:2])), (stage, names))
     yield from (job for job in first.values() if STAGES[job[0]].slice)
 
@@ -208,12 +210,28 @@ def test_a_misspelt_name_is_one_line_before_anything_runs(stage, path, value, ex
     assert not list(tmp_path.iterdir())
 
 
+def listed(path: Path, names: set[str]) -> Iterator[tuple[int, set[str]]]:
+    """Line of each list, tuple, set or mapping of a module that is written out, and which of the names it lists, of
+    texts or as the first argument of calls."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        parts = node.elts if isinstance(node, ast.List | ast.Tuple | ast.Set) else getattr(node, "keys", [])
+        firsts = [part.args[0] if isinstance(part, ast.Call) and part.args else part for part in parts]
+        yield getattr(node, "lineno", 0), {part.value for part in firsts if isinstance(part, ast.Constant)} & names
+
+
 def test_no_list_of_stages_is_kept_by_hand():
     names = {name for stage, kind in STAGES.items() for name in (stage, kind.name)}
     for path in sorted((ROOT / "src" / "expertaug").rglob("*.py")):
         if path.parent.name == "expertaug":  # what the package offers is named as stages are
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            parts = node.elts if isinstance(node, ast.List | ast.Tuple | ast.Set) else getattr(node, "keys", [])
-            texts = {part.value for part in parts if isinstance(part, ast.Constant)}
-            assert len(texts & names) <= 6, f"{path}:{node.lineno} lists stages: {sorted(texts & names)}"
+        for line, stages in listed(path, names):
+            assert len(stages) <= 6, f"{path}:{line} lists stages: {sorted(stages)}"
+
+
+def test_studies_are_listed_once():
+    """Their names, where a stage makes several: all else follows."""
+    names = {kind.name for kind in STUDIES}
+    modules = [path for package in ("src", "workflow") for path in (ROOT / package).rglob("*.py")]
+    places = {path.name for path in modules for _, studies in listed(path, names) if len(studies) > 1}
+    assert places == {"products.py"}
+    assert set(KINDS) == names

@@ -34,14 +34,40 @@ class Product:
             yield from (f"figures/{stem}.{end}" for end in figure_ends)
 
 
+@dataclass(frozen=True, kw_only=True)
+class StudyKind(Product):
+    """A further question to the scores of an experiment, with a table and a figure.
+
+    Attributes:
+        title: of the table.
+        along: whether it is along a training, and its metrics have columns that say where.
+        rows, draw: functions of :mod:`expertaug.evaluation.studies`, which is imported when a study is made: the rows
+            of its table, and its figure.
+    """
+
+    table: bool = True
+    figure: bool = True
+    title: str
+    along: bool = False
+    rows: str
+    draw: str
+
+
 def _figures(*names: str, of_all: bool = False) -> tuple[Product, ...]:
     return tuple(Product(name, figure=True, of_all=of_all) for name in names)
 
 
 PLOTTED = _figures("log_mse", "parameter_errors", "parameters", "forecasts", "curves")
 OVERVIEWS = _figures("log_mse", "parameter_errors", "za_shifted", of_all=True)
-# Further questions to the scores: KINDS of :mod:`expertaug.evaluation.studies`.
-STUDIES = tuple(
-    Product(name, table=True, figure=True)
-    for name in ("out_of_expertise", "horizons", "prior_width", "during_training")
+STUDIES = (
+    StudyKind("out_of_expertise", title="shifts out of the expertise", rows="shift_rows", draw="shifts"),
+    StudyKind("horizons", title="longer forecasts", rows="horizon_rows", draw="horizons"),
+    StudyKind("prior_width", title="width of the augmentation prior", rows="width_rows", draw="widths"),
+    StudyKind(
+        "during_training",
+        title="augmentation along the training",
+        along=True,
+        rows="during_training_rows",
+        draw="during_training",
+    ),
 )

@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 
 from expertaug import plotting
 from expertaug.errors import InputError
+from expertaug.evaluation import products
 from expertaug.evaluation.dots import LOOKS
 from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.metrics import DIVERGED, RELATIVE_ERROR, log_mse_of, metric_of
@@ -316,7 +317,7 @@ def _spread(summary: Sequence[TabledMean], job: StudyJob) -> str:
     return f"with the ends of its 95 % interval, {of}, or else ± their standard deviation (n − 1)"
 
 
-def _shift_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
+def shift_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
     """A row for each metric, panel and distance, a column for each method."""
     means = by_place(summary)
     rows = []
@@ -329,7 +330,7 @@ def _shift_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
     return ["metric", "shifted", "distance", "z_a of the set", *job.label_of.values()], rows, 4
 
 
-def _horizon_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
+def horizon_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
     """A row for each metric, split and end of the forecast, a column for each method."""
     means = by_place(summary)
     rows = []
@@ -341,7 +342,7 @@ def _horizon_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
     return ["metric", "set", "until", *job.label_of.values()], rows, 3
 
 
-def _width_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
+def width_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
     """A row for each method and prior, a column for each metric and set."""
     means = by_place(summary)
     columns = [(m, s) for m in tabled_metrics(summary, job.convention) for s in width_sets(summary)]
@@ -358,7 +359,7 @@ def _width_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
     return ["method", "p⁺", *header], rows, 2
 
 
-def _during_training_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
+def during_training_rows(summary: Sequence[TabledMean], job: StudyJob) -> Printed:
     """A row for each snapshot and length of fine-tuning, a column for each metric and set."""
     means = by_passes(summary)
     columns = [(m, s) for m in tabled_metrics(summary, job.convention) for s in DURING_TRAINING_SETS]
@@ -371,8 +372,5 @@ def _during_training_rows(summary: Sequence[TabledMean], job: StudyJob) -> Print
 
 
 KINDS = {
-    "out_of_expertise": Study("shifts out of the expertise", False, _shift_rows, shifts),
-    "horizons": Study("longer forecasts", False, _horizon_rows, horizons),
-    "prior_width": Study("width of the augmentation prior", False, _width_rows, widths),
-    "during_training": Study("augmentation along the training", True, _during_training_rows, during_training),
+    kind.name: Study(kind.title, kind.along, globals()[kind.rows], globals()[kind.draw]) for kind in products.STUDIES
 }

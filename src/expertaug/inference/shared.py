@@ -38,6 +38,7 @@ from expertaug.learning.settings import UntrainedJob
 from expertaug.learning.train import Calibration, describe_recipe, make_untrained
 from expertaug.learning.training_data import set_files
 from expertaug.models import store
+from expertaug.models.card import RecipeRecord
 from expertaug.models.observation_noise import ESTIMATED
 from expertaug.models.sensors import check_components
 from expertaug.models.settings import Constant, Population, Refinement, RefinementSettings, SensorConstants
@@ -69,15 +70,27 @@ def run_stage(data: Path, output: Path, settings: UntrainedJob, calibration: Pat
         InputError: unusable data or settings.
     """
     described = describe_recipe(settings, None if calibration is None else Calibration.load(calibration))
-    train, build = Trajectories.load(set_files(data)[0]), settings.build
-    system = systems.load(described.system)
+    stored = share(Trajectories.load(set_files(data)[0]), settings, described)
+    store.save(output, stored.model, stored.card)
+
+
+def share(train: Trajectories, settings: UntrainedJob, described: RecipeRecord) -> StoredModel:
+    """The model that knows what all windows of a training set share.
+
+    Arguments:
+        settings: its refinement says what is shared.
+        described: what a file says of the recipe (:func:`expertaug.learning.train.describe_recipe`).
+
+    Raises:
+        InputError: nothing is shared, or as of :func:`fit_shared`.
+    """
+    system, build = systems.load(described.system), settings.build
     stored = make_untrained(build.kind, system, train, settings, described, bool(build.truth))
     if settings.refinement is None or not settings.refinement.settings.shares:
         raise InputError("refinement.units", "nothing is shared", "say of a parameter that it is: NAME: shared")
     began = time.perf_counter()
     refinement = fit_shared(stored, settings.refinement, train)
-    card = stored.card.but(refinement=refinement, wall_s=time.perf_counter() - began)
-    store.save(output, stored.model, card)
+    return replace(stored, card=stored.card.but(refinement=refinement, wall_s=time.perf_counter() - began))
 
 
 def fit_shared(

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -380,14 +381,22 @@ def chunks_of(data: Measured) -> tuple[dict[str, np.ndarray], dict[str, float] |
     return chosen(data.source.split, candidates(data, labels), data.settings, more), thresholds
 
 
-def sets_of(data: Measured) -> tuple[dict[str, Trajectories], dict[str, np.ndarray], dict[str, float] | None]:
-    """The three sets, their chunks (N, 2), and the thresholds of a quantity.
+class Divided(NamedTuple):
+    """The three sets, their chunks (series, first point), (N, 2), and the thresholds of a quantity."""
+
+    sets: dict[str, Trajectories]
+    rows: dict[str, np.ndarray]
+    thresholds: dict[str, float] | None
+
+
+def sets_of(data: Measured) -> Divided:
+    """Cut measurements into chunks and divide them into sets.
 
     Raises:
         InputError: a set has too few chunks.
     """
     rows, thresholds = chunks_of(data)
-    return {name: trajectories_of(data, of) for name, of in rows.items()}, rows, thresholds
+    return Divided({name: trajectories_of(data, of) for name, of in rows.items()}, rows, thresholds)
 
 
 def _fewer_seen(data: Measured, labels: list[np.ndarray]) -> str:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from expertaug.files import atomic, sha256, write_json
-from expertaug.measurements.cut import Measured, measured, sets_of
+from expertaug.measurements.cut import Divided, Measured, measured, sets_of
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings
 from expertaug.measurements.windows import KEPT
-from expertaug.trajectories import Trajectories
 
 
 def cut_measurements(
@@ -33,30 +32,32 @@ def cut_measurements(
     output_dir = Path(output_dir)
     data = measured(settings.of_files(files), names)
     data.warn_of_slopes()
-    sets, rows, thresholds = sets_of(data)
+    divided = sets_of(data)
     data.warn_of_short()
-    for name, trajectories in sets.items():
+    for name, trajectories in divided.sets.items():
         trajectories.save(output_dir / f"{name}.npz")
-    _write(output_dir, data, sets, rows, thresholds)
-
-
-def _write(
-    output_dir: Path,
-    data: Measured,
-    sets: Mapping[str, Trajectories],
-    rows: Mapping[str, np.ndarray],
-    thresholds: dict[str, float] | None,
-) -> None:
-    series, tables = data.grid.series, []
-    for name, of in rows.items():
-        identity = sets[name].id
-        assert identity is not None
-        first = [float(series[index].t[point]) for index, point in of]
-        named = {"trajectory": [series[index].name for index, _ in of], "first_s": first}
-        tables.append(pd.DataFrame({"chunk": np.arange(len(of)), **named, "id": identity, "split": name}))
     with atomic(output_dir / "chunks.csv") as temporary:
-        pd.concat(tables).to_csv(temporary, index=False, float_format="%.9g")
-    state = list(data.names.state)
+        chunks_table(data, divided).to_csv(temporary, index=False, float_format="%.9g")
+    digests = {str(path): sha256(path) for path in data.files}
+    report = described(data, divided) | {"files": digests, KEPT: data.settings.to_json()}
+    write_json(output_dir / "splits.json", report)
+
+
+def chunks_table(data: Measured, divided: Divided) -> pd.DataFrame:
+    """A row for each chunk of each set: of which trajectory it is, and when it begins."""
+    series, tables = data.grid.series, []
+    for name, rows in divided.rows.items():
+        identity = divided.sets[name].id
+        assert identity is not None
+        first = [float(series[index].t[point]) for index, point in rows]
+        named = {"trajectory": [series[index].name for index, _ in rows], "first_s": first}
+        tables.append(pd.DataFrame({"chunk": np.arange(len(rows)), **named, "id": identity, "split": name}))
+    return pd.concat(tables)
+
+
+def described(data: Measured, divided: Divided) -> dict[str, object]:
+    """What splits.json says of measurements and their sets, but of files."""
+    series, state = data.grid.series, list(data.names.state)
 
     def by_name(values: np.ndarray | None) -> dict[str, float | None] | None:
         if values is None:
@@ -65,15 +66,15 @@ def _write(
 
     seen = {
         name: (1.0 if trajectories.mask is None else float(trajectories.mask[..., data.seen].mean()))
-        for name, trajectories in sets.items()
+        for name, trajectories in divided.sets.items()
     }
-    report = {
+    return {
         "by": data.settings.split.by,
-        "thresholds": thresholds,
-        "chunks": {name: len(of) for name, of in rows.items()},
+        "thresholds": divided.thresholds,
+        "chunks": {name: len(rows) for name, rows in divided.rows.items()},
         "trajectories": {
-            name: {series[k].name: int(n) for k, n in enumerate(np.bincount(of[:, 0], minlength=len(series))) if n}
-            for name, of in rows.items()
+            name: {series[k].name: int(n) for k, n in enumerate(np.bincount(rows[:, 0], minlength=len(series))) if n}
+            for name, rows in divided.rows.items()
         },
         "measured_share": seen,
         "not_measured": [n for n, is_seen in zip(state, data.seen, strict=True) if not is_seen],
@@ -84,7 +85,4 @@ def _write(
         "moved_s": data.grid.moved,
         "noise": by_name(data.noise),
         "rows_of_a_time_twice": sum(trajectory.rows.repeated for trajectory in series),
-        "files": {str(path): sha256(path) for path in data.files},
-        KEPT: data.settings.to_json(),
     }
-    write_json(output_dir / "splits.json", report)

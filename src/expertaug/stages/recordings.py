@@ -54,9 +54,9 @@ class RenderVideo(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: jobs.RenderVideoJob) -> None:
-        from expertaug_recordings.rendering.render import render_recording
+        from expertaug_recordings.rendering.render import run_stage
 
-        render_recording(a.index, a.output, a.truth, job)
+        run_stage(a.index, a.output, a.truth, job)
 
 
 class ExtractFrames(Stage):
@@ -76,9 +76,9 @@ class ExtractFrames(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: jobs.ExtractFramesJob) -> None:
-        from expertaug_recordings.video.frame_store import extract_frames
+        from expertaug_recordings.video.frame_store import run_stage
 
-        _take(a, lambda: extract_frames(a.video, a.output, job), a.video, [a.output])
+        _take(a, lambda: run_stage(a.video, a.output, job), a.video, [a.output])
 
 
 class TrackMarkers(Stage):
@@ -201,6 +201,7 @@ class PlotRecording(Stage):
 
     @staticmethod
     def run(a: argparse.Namespace, job: None) -> None:
+        from expertaug import plotting
         from expertaug_recordings.intake import refusal
         from expertaug_recordings.reports.page import plot_refused, run_stage
 
@@ -208,7 +209,7 @@ class PlotRecording(Stage):
         if reason is None:
             run_stage(a.markers, a.angles, a.summary, a.output)
         else:
-            plot_refused(a.summary.parent.name, reason, a.output)
+            plotting.save_all({a.output: plot_refused(a.summary.parent.name, reason)})
 
 
 class Overlay(Stage):
@@ -229,7 +230,7 @@ class Overlay(Stage):
     @staticmethod
     def run(a: argparse.Namespace, job: jobs.OverlayJob) -> None:
         from expertaug_recordings.intake import refusal
-        from expertaug_recordings.reports.overlay import note, overlay
+        from expertaug_recordings.reports.overlay import note, run_stage
 
         forecasts = dict(text.partition("=")[::2] for text in a.forecasts)
         for label, path in forecasts.items():
@@ -237,7 +238,7 @@ class Overlay(Stage):
                 raise InputError("--forecasts", f"found '{label or path}'", "give LABEL=PATH")
         reason = refusal(a.angles)
         if reason is None:
-            overlay(a.video, a.markers, a.angles, a.summary, a.output, job, forecasts)
+            run_stage(a.video, a.markers, a.angles, a.summary, a.output, job, forecasts)
         else:
             note(f"left out: {reason}", a.output)
 
@@ -307,10 +308,10 @@ class ExportRecording(Stage):
     def run(a: argparse.Namespace, job: None) -> None:
         from expertaug.files import write_text
         from expertaug_recordings.intake import refusal
-        from expertaug_recordings.reports.exports import FILES, export_recording
+        from expertaug_recordings.reports.exports import FILES, run_stage
 
         if (reason := refusal(a.angles)) is None:
-            export_recording(a.markers, a.angles, a.output)
+            run_stage(a.markers, a.angles, a.output)
         else:
             for name in FILES:
                 write_text(a.output / name, f"left out: {reason}\n")

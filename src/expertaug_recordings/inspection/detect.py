@@ -259,7 +259,7 @@ def look_for_pendulum(frames: Sequence[np.ndarray]) -> tuple[Pendulum | None, di
     return max(pendulums, key=_seen, default=None), spots
 
 
-def _seen(found: Pendulum) -> tuple[int, int]:
+def _seen(pendulum: Pendulum) -> tuple[int, int]:
     """Markers that there are, and frames that show those that move."""
-    moving = [set(spots) for spots in found.spots[1:] if spots is not None]
+    moving = [set(spots) for spots in pendulum.spots[1:] if spots is not None]
     return len(moving), len(set.intersection(*moving))

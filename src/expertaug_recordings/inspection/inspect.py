@@ -147,7 +147,9 @@ def inspect(videos: str | Path | Sequence[str | Path], sheet: str | Path, stated
         except InputError as error:
             refused.append(error)
     if looks:
-        _write_sheet(sheet, looks)
+        with atomic(sheet) as temporary:
+            if not cv2.imwrite(str(temporary), draw_sheet(looks)):
+                raise InputError(sheet, "cannot be written as an image", "name it .png")
     refused += [
         InputError(look.footage.path, look.refusal, f"{sheet} shows what was seen") for look in looks if look.refusal
     ]
@@ -192,7 +194,7 @@ def _yaml(looks: Sequence[Look], refused: Sequence[InputError]) -> str:
 
 
 def _caption(look: Look) -> str:
-    if look.found is None:
+    if look.pendulum is None:
         return "no pendulum seen"
     settings = TrackMarkersJob.from_mapping(look.tracking)
     appearance, geometry = settings.appearance, look.geometry
@@ -250,14 +252,13 @@ def _small(frame: np.ndarray, width: int) -> tuple[np.ndarray, float]:
     return drawing.scaled(frame, factor), factor
 
 
-def _write_sheet(sheet: str | Path, looks: Sequence[Look]) -> None:
+def draw_sheet(looks: Sequence[Look]) -> np.ndarray:
+    """The contact sheet (height, width, 3): some frames of each video with what was seen on them."""
     rows = [row for look in looks for row in _rows(look, SHOWN_WIDTH if len(looks) == 1 else SMALL_WIDTH)]
     width = max(row.shape[1] for row in rows)
     grey = (40, 40, 40)
     rows = [cv2.copyMakeBorder(r, 0, 0, 0, width - r.shape[1], cv2.BORDER_CONSTANT, value=grey) for r in rows]
-    with atomic(sheet) as temporary:
-        if not cv2.imwrite(str(temporary), np.concatenate(rows)):
-            raise InputError(sheet, "cannot be written as an image", "name it .png")
+    return np.concatenate(rows)
 
 
 def _rows(look: Look, width: int) -> list[np.ndarray]:
@@ -265,7 +266,7 @@ def _rows(look: Look, width: int) -> list[np.ndarray]:
     footage = look.footage
     tiles = []
     for k in np.unique(np.linspace(0, len(footage.frames) - 1, SHOWN).round().astype(int)):
-        if look.found is None:
+        if look.pendulum is None:
             seen = max(look.spots.values(), key=len)
             image = _with_spots(footage.frames[k], width, int(k), seen)
         else:

@@ -31,15 +31,15 @@ RANGE_DEG = 25.0  # half a proposed range of hues, or less where markers are nea
 RANGE_STRENGTH = 0.5  # share of a marker's saturation and value below which a colour is not taken for its
 
 
-def propose_tracking(found: Pendulum) -> list[dict[str, object]]:
+def propose_tracking(pendulum: Pendulum) -> list[dict[str, object]]:
     """Settings of the tracker to try, the simplest first: colours by name, where names tell the markers apart, then as
     ranges of hue, saturation and value."""
-    groups = [None if g is None else list(g.values()) for g in found.spots]
+    groups = [None if g is None else list(g.values()) for g in pendulum.spots]
     tints = [None if g is None else np.array([s.colour for s in g]) for g in groups]
     diameter = float(np.median([s.diameter for g in groups if g is not None for s in g]))
     settings: dict[str, object] = {"marker_diameter_px": round(diameter, 1)}
     kinds = [kind for kind in (_names(tints), _ranges(tints)) if kind is not None]
-    return [{"markers": {"style": found.style, **dict(zip(ROLES, kind, strict=True))}} | settings for kind in kinds]
+    return [{"markers": {"style": pendulum.style, **dict(zip(ROLES, kind, strict=True))}} | settings for kind in kinds]
 
 
 def _names(tints: Sequence[np.ndarray | None]) -> list[str | None] | None:
@@ -100,15 +100,10 @@ def _range(tint: np.ndarray, hue: float, others: Sequence[float]) -> dict[str, l
 MIDDLE_FRAMES, SECONDS = 300, 2.0  # from the middle of a video: so many frames, or seconds where that is more
 
 
-def told_by_motion(
-    path: Path,
-    stated: StatedTimes,
-    times: np.ndarray | None,
-    geometry: Geometry,
-    settings: TrackMarkersJob,
-) -> tuple[Gravity | None, View | None]:
-    """Direction of gravity in the image: 0 down, 90 right; None where the motion does not tell it.  And the view that
-    makes the arms steadier; None where that is not worth it.
+def track_middle(
+    path: Path, stated: StatedTimes, times: np.ndarray | None, geometry: Geometry, settings: TrackMarkersJob
+) -> MarkerTable:
+    """The markers in the middle of a video.
 
     Arguments:
         path: of the video.
@@ -124,13 +119,25 @@ def told_by_motion(
         track = track_frames(images, geometry, settings)
     frames = np.arange(count)
     t = frames / rate if times is None else times[first : first + count]
-    single = settings.appearance.tip is None
-    if not np.isfinite(track.position[:, 0]).any():
-        return None, None
-    places = (with_twin(track.position) if single else track.position).swapaxes(0, 1)
+    places = track.position.swapaxes(0, 1)
     none = np.zeros(count, bool)
-    reason = np.array(track.reason, object)
-    markers = on_time(MarkerTable(frames, t, rate, *places, track.quality, reason, frames, none), times is None, rate)
+    return MarkerTable(frames, t, rate, *places, track.quality, np.array(track.reason, object), frames, none)
+
+
+def told_by_motion(tracked: MarkerTable, even: bool, single: bool) -> tuple[Gravity | None, View | None]:
+    """Direction of gravity in the image: 0 down, 90 right; None where the motion does not tell it.  And the view that
+    makes the arms steadier; None where that is not worth it.
+
+    Arguments:
+        tracked: markers in successive frames.
+        even: whether their times are.
+        single: whether they are a single pendulum's.
+    """
+    if not np.isfinite(tracked.pivot).any():
+        return None, None
+    rate = tracked.rate_hz
+    both = replace(tracked, tip=with_twin(tracked.places)[:, 2]) if single else tracked
+    markers = on_time(both, even, rate)
     usable, _ = trust_tracker(markers)
     options = AngleKeys(model_offsets=not single)
     if usable.sum() < FEWEST or not np.isfinite(markers.pivot).any():
@@ -190,7 +197,7 @@ class Look:
     Attributes:
         footage: its frames.
         spots: round coloured things by style.
-        found: its pendulum; None where there is none.
+        pendulum: its markers with their roles; None where there is none.
         tracking: keys of the configuration that are proposed.
         gravity: its direction in the image; None where the motion does not tell it.
         view: of a camera that looks askew; None where it is not worth correcting.
@@ -201,7 +208,7 @@ class Look:
 
     footage: Footage
     spots: Mapping[str, Sequence[Spot]]
-    found: Pendulum | None = None
+    pendulum: Pendulum | None = None
     tracking: Mapping[str, object] = field(default_factory=dict)
     gravity: Gravity | None = None
     geometry: Geometry | None = None
@@ -213,8 +220,8 @@ class Look:
     def notes(self) -> list[str]:
         """What its user should know of it."""
         beside = []
-        if self.found is not None:
-            beside = left_over(self.found, self.spots[self.found.style], len(self.footage.frames))
+        if self.pendulum is not None:
+            beside = left_over(self.pendulum, self.spots[self.pendulum.style], len(self.footage.frames))
         return ([self.footage.note] if self.footage.note else []) + beside
 
 
@@ -232,9 +239,9 @@ def look_at(video: Path, stated: StatedTimes) -> Look:
     if geometry is None or counts["all"] < MIN_SHARE * counts["frames"]:
         refusal = f"its markers are all found in {counts['all']} of {counts['frames']} frames only"
         return Look(footage, spots, pendulum, tracking, None, geometry, counts, refusal)
-    gravity, view = told_by_motion(
-        video, footage.stated, footage.times, geometry, TrackMarkersJob.from_mapping(tracking)
-    )
+    settings = TrackMarkersJob.from_mapping(tracking)
+    markers = track_middle(video, footage.stated, footage.times, geometry, settings)
+    gravity, view = told_by_motion(markers, footage.times is None, settings.appearance.tip is None)
     return Look(footage, spots, pendulum, tracking, gravity, geometry, counts, view=view)
 
 

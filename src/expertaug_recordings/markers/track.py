@@ -136,7 +136,7 @@ def _spread(count: int, wanted: float) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, int(wanted)).round().astype(int))
 
 
-def _no_markers(store: Path, found: str, settings: TrackMarkersJob) -> InputError:
+def _no_markers(store: Path, problem: str, settings: TrackMarkersJob) -> InputError:
     appearance = settings.appearance
     size = "" if settings.marker_diameter_px is None else f" of {settings.marker_diameter_px:g} px (marker_diameter_px)"
     colours = " and ".join(filter(None, (", ".join(appearance.seen[:-1]), appearance.seen[-1])))
@@ -144,7 +144,7 @@ def _no_markers(store: Path, found: str, settings: TrackMarkersJob) -> InputErro
     remedy = (
         f"show {colours} {kind}{size}, or say how yours look (recordings.tracking.markers; expertaug inspect-video)"
     )
-    return InputError(store, f"no markers: {found}", remedy)
+    return InputError(store, f"no markers: {problem}", remedy)
 
 
 def _refuse_lost(store: Path, track: Track, settings: TrackMarkersJob) -> None:

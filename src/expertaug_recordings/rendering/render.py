@@ -7,6 +7,8 @@ do not depend on how many others are rendered.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -26,8 +28,21 @@ VISIBLE_BLUR = 0.2  # px of motion within an exposure, below which one pose stan
 LONG_BLUR = 2.0  # px from which on two are not enough
 
 
-def render_recording(index: int, video: Path, truth: Path, job: RenderVideoJob) -> None:
-    """Render recording ``index`` of the set as H.264 video, with its truth beside it for scoring.
+@dataclass(frozen=True)
+class Rendering:
+    """A rendered recording.
+
+    Attributes:
+        frames: images (height, width, 3), uint8 BGR, made one after the other as they are asked for, once.
+        truth: a row a frame, :data:`TRUTH_COLUMNS`.
+    """
+
+    frames: Iterator[np.ndarray]
+    truth: np.ndarray
+
+
+def run_stage(index: int, video: Path, truth: Path, job: RenderVideoJob) -> None:
+    """Stage: render recording ``index`` of the set as H.264 video, with its truth beside it for scoring.
 
     Arguments:
         index: number of the recording, from 0.
@@ -38,6 +53,19 @@ def render_recording(index: int, video: Path, truth: Path, job: RenderVideoJob) 
     Raises:
         InputError: a setting or the output folder cannot be used.
     """
+    rendering = render_recording(index, job)
+    with atomic(video) as temporary:
+        encode(temporary, rendering.frames, job.image_size_px, job.rate_hz, crf=job.crf, speed=job.preset)
+    with atomic(truth) as temporary:
+        np.savetxt(temporary, rendering.truth, fmt="%.9g", delimiter=",", header=TRUTH_COLUMNS, comments="")
+
+
+def render_recording(index: int, job: RenderVideoJob) -> Rendering:
+    """Render recording ``index`` of the set.
+
+    Raises:
+        InputError: there is no such recording, or a setting cannot be used.
+    """
     cv2.setNumThreads(1)
     if index < 0 or (job.count is not None and index >= job.count):
         raise InputError(
@@ -47,13 +75,9 @@ def render_recording(index: int, video: Path, truth: Path, job: RenderVideoJob) 
     rng = np.random.default_rng([job.seed, index, 1])
     arms = tuple(length * job.pixels_per_metre for length in job.arms_m)
     scene = Scene(job.image_size_px, pivot, arms, job.noise, rng)
-    with atomic(video) as temporary:
-        frames = (scene.frame(poses(state, pivot, arms, job.exposure_s)) for state in states)
-        encode(temporary, frames, job.image_size_px, job.rate_hz, crf=job.crf, speed=job.preset)
     joint, tip = markers(states, pivot, arms)
     table = np.column_stack([times, states, np.broadcast_to(pivot, joint.shape), joint, tip])
-    with atomic(truth) as temporary:
-        np.savetxt(temporary, table, fmt="%.9g", delimiter=",", header=TRUTH_COLUMNS, comments="")
+    return Rendering((scene.frame(poses(state, pivot, arms, job.exposure_s)) for state in states), table)
 
 
 def motion(index: int, job: RenderVideoJob) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas as pd
 
 from expertaug.errors import InputError
 from expertaug.evaluation.forecasts import Forecasts
@@ -52,19 +53,25 @@ def read_forecasts(
     Raises:
         InputError: a file cannot be used, does not say of which chunks it is or is of frames that are not there.
     """
-    forecasts = [f for label, path in files.items() for f in _of_method(label, Path(path), recording, frame, rate_hz)]
-    return sorted(forecasts, key=lambda f: int(f.rows[0]))
+    forecasts = [
+        forecast
+        for label, path in files.items()
+        for forecast in forecasts_of(label, Forecasts.load(Path(path)), recording, frame, rate_hz, path)
+    ]
+    return sorted(forecasts, key=lambda forecast: int(forecast.rows[0]))
 
 
-def _of_method(label: str, path: Path, recording: str, frame: np.ndarray, rate_hz: float) -> Iterator[Forecast]:
-    stored = Forecasts.load(path)
+def forecasts_of(
+    label: str, stored: Forecasts, recording: str, frame: np.ndarray, rate_hz: float, where: object = "forecasts"
+) -> Iterator[Forecast]:
+    """A method's forecasts of a recording; arguments and errors are those of :func:`read_forecasts`."""
     if not set(ANGLES) <= set(stored.state_names):
         return
     columns = [stored.state_names.index(name) for name in ANGLES]
     steps = np.rint((stored.t - stored.t[0]) * rate_hz).astype(int)
     for name, kept in stored.kept.items():
         if kept.id is None:
-            raise InputError(path, f"does not say of which chunks its {name} forecasts are", "run evaluate again")
+            raise InputError(where, f"does not say of which chunks its {name} forecasts are", "run evaluate again")
         for identity, states in zip(kept.id, kept.prediction[0], strict=True):
             of, _, first = str(identity).rpartition("/")
             if of != recording:
@@ -72,7 +79,7 @@ def _of_method(label: str, path: Path, recording: str, frame: np.ndarray, rate_h
             start = int(np.searchsorted(frame, int(first))) if first.isdecimal() else len(frame)
             if start + steps[-1] >= len(frame) or frame[start] != int(first):
                 problem = f"forecasts {str(identity)!r} over {steps[-1] + 1} frames"
-                raise InputError(path, problem, f"{recording} has no such frames: run evaluate again")
+                raise InputError(where, problem, f"{recording} has no such frames: run evaluate again")
             yield Forecast(label, start + steps, states[:, columns].astype(float))
 
 
@@ -103,7 +110,37 @@ class Measured:
     reason: np.ndarray
 
 
-def overlay(
+@dataclass(frozen=True)
+class Schedule:
+    """What an overlay shows.
+
+    Attributes:
+        rows: of the measurement, that are shown, ascending.
+        stride: rows from one to the next.
+        fps: frames per second of the overlay.
+    """
+
+    rows: np.ndarray
+    stride: int
+    fps: float
+
+
+def schedule(seen: Measured, predicted: Sequence[Forecast], job: OverlayJob) -> Schedule:
+    """What an overlay of a measurement and its forecasts shows.
+
+    Raises:
+        InputError: nothing of the recording is in the chosen part.
+    """
+    rate = seen.summary.rate_hz
+    stride = max(1, round(rate * job.speed / job.fps))
+    rows = _rows(seen, predicted, job, stride)
+    if not len(rows):
+        problem = f"{job.start_s:g} s is after its end at {seen.t[-1]:.2f} s"
+        raise InputError("recordings.overlay.start_s", problem, "choose an earlier part")
+    return Schedule(rows, stride, rate * job.speed / stride)
+
+
+def run_stage(
     video: str | Path,
     markers: str | Path,
     angles: str | Path,
@@ -112,7 +149,7 @@ def overlay(
     job: OverlayJob,
     forecasts: Mapping[str, str | Path] | None = None,
 ) -> None:
-    """Draw the measurement of a recording over its frames, as H.264 video that a browser plays.
+    """Stage: draw the measurement of a recording over its frames, as H.264 video that a browser plays.
 
     Arms are white where a frame is measured, orange where it is not used (there from the angles) and missing where it
     is unusable.  Each forecast of a chunk of this recording swings beside it, and its end is held.
@@ -131,14 +168,9 @@ def overlay(
     if Path(output).suffix.lower() != ".mp4":
         raise InputError(output, f"suffix '{Path(output).suffix}'", "an overlay is .mp4")
     seen = _read(markers, angles, summary)
-    name, rate = seen.summary.recording, seen.summary.rate_hz
-    predicted = read_forecasts(forecasts or {}, name, seen.frame, rate)
-    stride = max(1, round(rate * job.speed / job.fps))
-    fps = rate * job.speed / stride
-    rows = _rows(seen, predicted, job, stride)
-    if not len(rows):
-        problem = f"{job.start_s:g} s is after its end at {seen.t[-1]:.2f} s"
-        raise InputError("recordings.overlay.start_s", problem, "choose an earlier part")
+    rate = seen.summary.rate_hz
+    predicted = read_forecasts(forecasts or {}, seen.summary.recording, seen.frame, rate)
+    shown = schedule(seen, predicted, job)
     with open_frames(video, job) as source:
         step = max(1, math.floor(source.rate_hz / rate + 1e-3))
         other = seen.summary.timing.frames_hz is None and abs(step * rate / source.rate_hz - 1) > 1e-3
@@ -148,23 +180,32 @@ def overlay(
                 video, problem, f"{markers} has {len(seen.t)} at {rate:g} Hz: give the video that it is of"
             )
         painter = Painter(seen, predicted, (source.width, source.height))
-        wanted: dict[int, list[int]] = {}
-        for row in rows:
-            wanted.setdefault(int(seen.source[row]) * step, []).append(int(row))
-
-        def painted() -> Iterator[np.ndarray]:
-            for number, frame in source.frames(step):
-                if number > max(wanted):
-                    return
-                for row in wanted.get(number, ()):
-                    image = painter.paint(frame, row)
-                    yield image
-                    if any(0 <= row - f.rows[-1] < stride for f in predicted):
-                        for _ in range(round(HOLD_S * fps)):
-                            yield image
-
         with atomic(output) as temporary:
-            encode(temporary, painted(), painter.size, fps, CRF, SPEED, flags="+faststart")
+            images = overlay(painter, shown, source.frames(step), step)
+            encode(temporary, images, painter.size, shown.fps, CRF, SPEED, flags="+faststart")
+
+
+def overlay(
+    painter: Painter, shown: Schedule, frames: Iterable[tuple[int, np.ndarray]], step: int = 1
+) -> Iterator[np.ndarray]:
+    """The frames of an overlay.
+
+    Arguments:
+        frames: number and image of every ``step``-th frame of the video, which are asked for one after the other.
+    """
+    seen = painter.seen
+    wanted: dict[int, list[int]] = {}
+    for row in shown.rows:
+        wanted.setdefault(int(seen.source[row]) * step, []).append(int(row))
+    for number, frame in frames:
+        if number > max(wanted):
+            return
+        for row in wanted.get(number, ()):
+            image = painter.paint(frame, row)
+            yield image
+            if any(0 <= row - forecast.rows[-1] < shown.stride for forecast in painter.predicted):
+                for _ in range(round(HOLD_S * shown.fps)):
+                    yield image
 
 
 def note(words: str, output: str | Path) -> None:
@@ -179,20 +220,37 @@ def note(words: str, output: str | Path) -> None:
 def _read(markers: str | Path, angles: str | Path, summary: str | Path) -> Measured:
     points = read_table(markers, ("frame", *PLACES), made_by="track_markers")
     table = read_table(angles, ("frame", "t", "theta1", "theta2", "quality", "source"), ("reason",))
-    recording_summary = RecordingSummary.load(summary)
-    resampled = recording_summary.timing.frames_hz is not None
+    return measured_of(points, table, RecordingSummary.load(summary), (markers, angles, summary))
+
+
+def measured_of(
+    points: pd.DataFrame,
+    table: pd.DataFrame,
+    summary: RecordingSummary,
+    where: tuple[object, object, object] = ("markers", "angles", "summary"),
+) -> Measured:
+    """What was measured of a recording.
+
+    Arguments:
+        points: frame and places of the markers, :data:`~expertaug_recordings.tables.PLACES`, of each analysed frame.
+        table: of the angles: frame, t, theta1, theta2, quality, reason, and source: rows of ``points``.
+        where: what messages call these three.
+
+    Raises:
+        InputError: they are not of one measurement.
+    """
+    resampled = summary.timing.frames_hz is not None
     same = resampled or (len(points) == len(table) and (points["frame"] == table["frame"]).all())
     source = table["source"].to_numpy()
-    if not (same and len(table) == recording_summary.frames and ((source >= 0) & (source < len(points))).all()):
-        counts = f"{len(points)} frames, {angles} has {len(table)}, {summary} has {recording_summary.frames}"
-        raise InputError(markers, counts, "they are not of one measurement: run measure_angles again")
+    if not (same and len(table) == summary.frames and ((source >= 0) & (source < len(points))).all()):
+        counts = f"{len(points)} frames, {where[1]} has {len(table)}, {where[2]} has {summary.frames}"
+        raise InputError(where[0], counts, "they are not of one measurement: run measure_angles again")
     if not table["quality"].isin(list(SHADES)).all():
-        raise InputError(angles, "a frame without a quality of 0, .5 or 1", "run measure_angles again")
+        raise InputError(where[1], "a frame without a quality of 0, .5 or 1", "run measure_angles again")
     place = points[list(PLACES)].to_numpy().reshape(-1, 3, 2)[source.astype(int)]
     frame, t, quality, reason = (table[name].to_numpy() for name in ("frame", "t", "quality", "reason"))
-    return Measured(
-        recording_summary, frame, source.astype(int), t, place, table[["theta1", "theta2"]].to_numpy(), quality, reason
-    )
+    theta = table[["theta1", "theta2"]].to_numpy()
+    return Measured(summary, frame, source.astype(int), t, place, theta, quality, reason)
 
 
 def _rows(seen: Measured, predicted: Sequence[Forecast], job: OverlayJob, stride: int) -> np.ndarray:

@@ -94,85 +94,86 @@ def plot_recording(points: pd.DataFrame, table: pd.DataFrame, summary: Recording
     return figure
 
 
-def plot_refused(name: str, reason: str, output: str | Path) -> None:
-    """Draw the page of a recording that was left out: it says why."""
+def plot_refused(name: str, reason: str) -> Figure:
+    """The page of a recording that was left out: it says why."""
     with plotting.styled():
         text = textwrap.fill(f"Left out: {reason}", WIDTH - 14)
         figure = plotting.new_figure(0.6 + LINE * (text.count("\n") + 1))
         figure.text(0.02, 0.95, f"Recording {name}", ha="left", va="top", fontsize=11, fontweight="bold")
         figure.text(0.02, 0.05, text, ha="left", va="bottom", color=WRONG, linespacing=1.4)
-        plotting.save(figure, output)
+    return figure
 
 
-def _heading(found: RecordingSummary) -> str:
-    implied = found.implied_rate_hz
+def _heading(summary: RecordingSummary) -> str:
+    implied = summary.implied_rate_hz
     rate = "the motion implies none: recordings.arms_m is not known"
-    if found.rate_provenance == RENDERED:
+    if summary.rate_provenance == RENDERED:
         rate = "the real recordings' constants in their nominal time"
     elif implied is not None:
-        rate = f"the motion implies {implied:.1f} Hz ({implied / found.rate_hz - 1:+.1%})"
-    tilt, turned = found.implied_rotation_deg, f"gravity stated at {found.rotation_deg:g}°"
+        rate = f"the motion implies {implied:.1f} Hz ({implied / summary.rate_hz - 1:+.1%})"
+    tilt, turned = summary.implied_rotation_deg, f"gravity stated at {summary.rotation_deg:g}°"
     turned += "; the motion implies none" if tilt is None else f", implied at {tilt:.1f}°"
-    turned += f"; uncertain by {found.rotation_error_deg:.2g}°" if found.rotation_error_deg else ""
-    constants = ", ".join(f"{name} {value:.4g}" for name, value in found.constants.items())
-    gaps = f"{found.gaps} gaps, the longest of {found.longest_gap_frames} frames" if found.gaps else "no gaps"
-    if found.pendulum == "single":
-        return "\n".join(textwrap.fill(line, WIDTH) for line in _single(found, gaps, turned))
-    off = found.misfit_deg
+    turned += f"; uncertain by {summary.rotation_error_deg:.2g}°" if summary.rotation_error_deg else ""
+    constants = ", ".join(f"{name} {value:.4g}" for name, value in summary.constants.items())
+    gaps = f"{summary.gaps} gaps, the longest of {summary.longest_gap_frames} frames" if summary.gaps else "no gaps"
+    if summary.pendulum == "single":
+        return "\n".join(textwrap.fill(line, WIDTH) for line in _single(summary, gaps, turned))
+    off = summary.misfit_deg
     lines = [
-        f"{found.frames} frames, {found.duration_s:.1f} s; tracked {found.tracked_share:.2%}, used"
-        f" {found.usable_share:.2%}; {gaps}; {found.interpolated} frames interpolated",
-        f"Frame rate: stated {found.rate_hz:g} Hz ({found.rate_provenance}); {rate}; {turned}",
-        *_times(found),
-        *_rectified(found),
-        f"Arms {found.arm1_px:.2f} ± {found.arm1_std_px:.2f} px and {found.arm2_px:.2f} ±"
-        f" {found.arm2_std_px:.2f} px; noise of the measured angles {found.noise1_deg:.3f}° and"
-        f" {found.noise2_deg:.3f}°, of the smoothed ones {found.uncertainty1_deg:.3f}° and"
-        f" {found.uncertainty2_deg:.3f}°, of the speeds {found.uncertainty1_rad_s:.2g} and"
-        f" {found.uncertainty2_rad_s:.2g} rad/s",
-        _pivot(found) + _offsets(found),
-        f"Constants {constants} (G in s⁻²); R² {found.r2_1:.4f} and {found.r2_2:.4f}"
+        f"{summary.frames} frames, {summary.duration_s:.1f} s; tracked {summary.tracked_share:.2%}, used"
+        f" {summary.usable_share:.2%}; {gaps}; {summary.interpolated} frames interpolated",
+        f"Frame rate: stated {summary.rate_hz:g} Hz ({summary.rate_provenance}); {rate}; {turned}",
+        *_times(summary),
+        *_rectified(summary),
+        f"Arms {summary.arm1_px:.2f} ± {summary.arm1_std_px:.2f} px and {summary.arm2_px:.2f} ±"
+        f" {summary.arm2_std_px:.2f} px; noise of the measured angles {summary.noise1_deg:.3f}° and"
+        f" {summary.noise2_deg:.3f}°, of the smoothed ones {summary.uncertainty1_deg:.3f}° and"
+        f" {summary.uncertainty2_deg:.3f}°, of the speeds {summary.uncertainty1_rad_s:.2g} and"
+        f" {summary.uncertainty2_rad_s:.2g} rad/s",
+        _pivot(summary) + _offsets(summary),
+        f"Constants {constants} (G in s⁻²); R² {summary.r2_1:.4f} and {summary.r2_2:.4f}"
         + ("" if off is None else f"; angles off its motion by {off[0]:.2g}° and {off[1]:.2g}° rms"),
     ]
     return "\n".join(textwrap.fill(line, WIDTH) for line in lines)
 
 
-def _pivot(found: RecordingSummary) -> str:
-    seconds = found.pivot_window_s
+def _pivot(summary: RecordingSummary) -> str:
+    seconds = summary.pivot_window_s
     if seconds is None:
         return "The pivot is at rest"
     return "The pivot is followed from frame to frame" if seconds == 0 else f"The pivot is averaged over {seconds:g} s"
 
 
-def _offsets(found: RecordingSummary) -> str:
+def _offsets(summary: RecordingSummary) -> str:
     """Markers that are not on their hinges, by which the angles were corrected."""
     words = {"pivot": "the pivot's marker", "tip": "the second arm's", "joint_arm1": "the joint's on the first arm"}
     words["joint_arm2"] = "the joint's on the second arm"
-    named = [f"{words[name]} by {size:.2f} px" for name, size in found.offsets_px.items()]
+    named = [f"{words[name]} by {size:.2f} px" for name, size in summary.offsets_px.items()]
     return f"; markers off their hinges, modelled: {', '.join(named)}" if named else "; no marker is off its hinge"
 
 
-def _single(found: RecordingSummary, gaps: str, turned: str) -> list[str]:
+def _single(summary: RecordingSummary, gaps: str, turned: str) -> list[str]:
     """The heading of a single pendulum."""
-    omega0, alpha = found.constants["G1"] ** 0.5, found.friction[0]
+    omega0, alpha = summary.constants["G1"] ** 0.5, summary.friction[0]
     return [
-        f"{found.frames} frames, {found.duration_s:.1f} s; tracked {found.tracked_share:.2%}, used"
-        f" {found.usable_share:.2%}; {gaps}; {found.interpolated} frames interpolated",
-        f"Single pendulum; frame rate stated {found.rate_hz:g} Hz ({found.rate_provenance}); {turned}",
-        *_times(found),
-        *_rectified(found),
-        f"Arm {found.arm1_px:.2f} ± {found.arm1_std_px:.2f} px; noise of the measured angle {found.noise1_deg:.3f}°, of"
-        f" the smoothed one {found.uncertainty1_deg:.3f}°, of the speed {found.uncertainty1_rad_s:.2g} rad/s",
-        f"ω0 {omega0:.4g} rad/s, α {alpha:.3g} s⁻¹; R² {found.r2_1:.4f}"
-        + ("" if found.misfit_deg is None else f"; angles off its motion by {found.misfit_deg[0]:.2g}° rms"),
+        f"{summary.frames} frames, {summary.duration_s:.1f} s; tracked {summary.tracked_share:.2%}, used"
+        f" {summary.usable_share:.2%}; {gaps}; {summary.interpolated} frames interpolated",
+        f"Single pendulum; frame rate stated {summary.rate_hz:g} Hz ({summary.rate_provenance}); {turned}",
+        *_times(summary),
+        *_rectified(summary),
+        f"Arm {summary.arm1_px:.2f} ± {summary.arm1_std_px:.2f} px; noise of the measured angle"
+        f" {summary.noise1_deg:.3f}°, of the smoothed one {summary.uncertainty1_deg:.3f}°, of the speed"
+        f" {summary.uncertainty1_rad_s:.2g} rad/s",
+        f"ω0 {omega0:.4g} rad/s, α {alpha:.3g} s⁻¹; R² {summary.r2_1:.4f}"
+        + ("" if summary.misfit_deg is None else f"; angles off its motion by {summary.misfit_deg[0]:.2g}° rms"),
     ]
 
 
-def _times(found: RecordingSummary) -> list[str]:
+def _times(summary: RecordingSummary) -> list[str]:
     """What was found of the frames' times, where anything was."""
-    timing, said = found.timing, []
-    if found.span_s is not None:
-        first, last = found.span_s
+    timing, said = summary.timing, []
+    if summary.span_s is not None:
+        first, last = summary.span_s
         said.append(f"from {first:g} s of the video to {'its end' if last is None else f'{last:g} s'}")
     if timing.converted_from_hz is not None:
         said.append(f"put back to those of {timing.converted_from_hz:.5g} frames/s, which the video was converted from")
@@ -187,9 +188,9 @@ def _times(found: RecordingSummary) -> list[str]:
     return [f"Times: {'; '.join(said)}"] if said else []
 
 
-def _rectified(found: RecordingSummary) -> list[str]:
+def _rectified(summary: RecordingSummary) -> list[str]:
     """How lens and view were undone, where they were."""
-    done = found.rectified
+    done = summary.rectified
     if done is None:
         return []
     before = " and ".join(f"{share:.2%}" for share in done.arms_before)

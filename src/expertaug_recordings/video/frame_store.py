@@ -23,7 +23,7 @@ from expertaug.errors import InputError
 from expertaug.files import atomic, memory_limit
 from expertaug_recordings.settings import ExtractFramesJob
 from expertaug_recordings.video.pixel_layout import KeptFrame, Layout
-from expertaug_recordings.video.source import Frames, open_frames
+from expertaug_recordings.video.source import open_frames
 
 FORMAT = "expertaug frames 2"
 CHUNK_BYTES = 16 * 480 * 480 * 3  # memory that writing needs, and what a sequential reader unpacks at once
@@ -213,8 +213,8 @@ def writing(path: str | Path, layout: Layout, rate_hz: float, source: Mapping) -
             ) from error
 
 
-def extract_frames(video: Path, store: Path, job: ExtractFramesJob) -> None:
-    """Decode a video into a frame store at the analysis rate; memory does not grow with the length.
+def run_stage(video: Path, store: Path, job: ExtractFramesJob) -> None:
+    """Stage: decode a video into a frame store at the analysis rate; memory does not grow with the length.
 
     Arguments:
         video: a file as :class:`~expertaug_recordings.video.reader.Video` takes, or a folder of pictures
@@ -227,7 +227,7 @@ def extract_frames(video: Path, store: Path, job: ExtractFramesJob) -> None:
         InputError: the video or a setting cannot be used, or the store cannot be written.
     """
     with open_frames(video, job, job.expected_frames, job.image_size_px) as source:
-        step = 1 if job.analysis_rate_hz is None else max(1, math.floor(source.rate_hz / job.analysis_rate_hz + 1e-3))
+        step = frames_apart(source.rate_hz, job.analysis_rate_hz)
         described = {
             "video": Path(video).name,
             "rate_hz": source.rate_hz,
@@ -240,15 +240,28 @@ def extract_frames(video: Path, store: Path, job: ExtractFramesJob) -> None:
                 out.append(picture)
             if source.times is not None:
                 out.times, out.rate_hz = source.times[::step], source.rate_hz / step
-            _refuse_slow(source, job.analysis_rate_hz)
+            refuse_slow(source.rate_hz, source.times is not None, job.analysis_rate_hz, source.path)
 
 
-def _refuse_slow(source: Frames, analysis_rate_hz: float | None) -> None:
-    """Frames between those that were taken cannot be made."""
-    slack = 1e-3 if source.times is None else 0.05
-    if analysis_rate_hz is not None and source.rate_hz < (1 - slack) * analysis_rate_hz:
+def frames_apart(rate_hz: float, analysis_rate_hz: float | None) -> int:
+    """Every how many frames of a video one is kept, for at least as many a second as the analysis asks for."""
+    return 1 if analysis_rate_hz is None else max(1, math.floor(rate_hz / analysis_rate_hz + 1e-3))
+
+
+def refuse_slow(rate_hz: float, uneven: bool, analysis_rate_hz: float | None, where: object = "video") -> None:
+    """Frames between those that were taken cannot be made.
+
+    Arguments:
+        rate_hz: of the video, of uneven times the nominal one.
+        where: what messages call it.
+
+    Raises:
+        InputError: the analysis asks for more frames a second.
+    """
+    slack = 0.05 if uneven else 1e-3
+    if analysis_rate_hz is not None and rate_hz < (1 - slack) * analysis_rate_hz:
         raise InputError(
-            source.path,
-            f"the analysis rate of {analysis_rate_hz:g} Hz is above the frame rate of {source.rate_hz:g} Hz",
-            f"set recordings.analysis_rate_hz to {source.rate_hz:g} or less",
+            where,
+            f"the analysis rate of {analysis_rate_hz:g} Hz is above the frame rate of {rate_hz:g} Hz",
+            f"set recordings.analysis_rate_hz to {rate_hz:g} or less",
         )

@@ -10,9 +10,9 @@ from scipy.integrate import solve_ivp
 
 from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.markers.track import run_stage as track_markers
-from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.rendering.render import run_stage as render_recording
 from expertaug_recordings.settings import ExtractFramesJob, MeasureAnglesJob, RenderVideoJob, TrackMarkersJob
-from expertaug_recordings.video.frame_store import extract_frames
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from nightly import others_slow
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]

@@ -19,7 +19,7 @@ from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.rendering.motion import simulate
-from expertaug_recordings.video.frame_store import extract_frames
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 
 ROOT = Path(__file__).parents[3]
 FILES = [ROOT / "config" / "config.yaml"]

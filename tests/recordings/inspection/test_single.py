@@ -22,7 +22,7 @@ from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.reports.page import run_stage as plot_recording
 from expertaug_recordings.reports.splits import run_stage as plot_splits
 from expertaug_recordings.reports.summary import run_stage as summarise
-from expertaug_recordings.video.frame_store import extract_frames
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 
 FILES = [Path(__file__).parents[3] / "config" / "config.yaml"]
 OMEGA0, ALPHA, RATE, COUNT = 5.5, 0.08, 60, 1500

@@ -14,7 +14,8 @@ from expertaug_recordings.markers.geometry import centre_of_circle, estimate_geo
 from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.settings import ExtractFramesJob, TrackMarkersJob
-from expertaug_recordings.video.frame_store import FrameStore, extract_frames, writing
+from expertaug_recordings.video.frame_store import FrameStore, writing
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from expertaug_recordings.video.pixel_layout import Layout
 from nightly import others_slow
 

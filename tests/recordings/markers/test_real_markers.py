@@ -10,7 +10,7 @@ from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.markers.disks import fitter
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry, sound
 from expertaug_recordings.markers.tracker import STIFFNESS, Tracker, track_frames
-from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.rendering.render import run_stage as render_recording
 from expertaug_recordings.settings import RenderVideoJob, TrackMarkersJob
 from nightly import others_slow
 

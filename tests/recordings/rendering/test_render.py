@@ -6,7 +6,8 @@ import pytest
 
 from expertaug.errors import InputError
 from expertaug_recordings.rendering import scene
-from expertaug_recordings.rendering.render import motion, poses, render_recording
+from expertaug_recordings.rendering.render import motion, poses
+from expertaug_recordings.rendering.render import run_stage as render_recording
 from expertaug_recordings.rendering.scene import Scene
 from expertaug_recordings.settings import RenderVideoJob
 

@@ -9,7 +9,8 @@ from angle_files import summary
 from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, write_video
 
 from expertaug.errors import InputError
-from expertaug_recordings.reports.overlay import GHOSTS, Forecast, Painter, _read, note, overlay, read_forecasts
+from expertaug_recordings.reports.overlay import GHOSTS, Forecast, Painter, _read, note, read_forecasts
+from expertaug_recordings.reports.overlay import run_stage as overlay
 from expertaug_recordings.settings import OverlayJob
 
 COUNT, MARKERS = 200, ("pivot_x", "pivot_y", "joint_x", "joint_y", "tip_x", "tip_y")

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from pendulum_motion import CONSTANTS, markers, truth
 
+from expertaug import plotting
 from expertaug.config import recording_settings
 from expertaug.config.models import Configuration
 from expertaug.errors import InputError
@@ -82,7 +83,8 @@ def test_page(flagged, tmp_path):
     plot_recording(*files, tmp_path / "page.pdf")
     assert (tmp_path / "page.png").stat().st_size > 50_000 and (tmp_path / "page.pdf").stat().st_size > 10_000
     assert (tmp_path / "page.png").read_bytes() == (tmp_path / "again.png").read_bytes()
-    plot_refused("r1", "r1.mp4: is empty (0 bytes); copy the recording again", tmp_path / "refused.png")
+    page = plot_refused("r1", "r1.mp4: is empty (0 bytes); copy the recording again")
+    plotting.save_all({tmp_path / "refused.png": page})
     assert (tmp_path / "refused.png").stat().st_size > 3000
 
 

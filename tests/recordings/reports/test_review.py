@@ -8,7 +8,7 @@ from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, wr
 
 from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.corrections import read_corrections
-from expertaug_recordings.reports.exports import export_recording
+from expertaug_recordings.reports.exports import run_stage as export_recording
 from expertaug_recordings.reports.review import WORST, review, review_recording, worst_frames
 from expertaug_recordings.settings import MeasureAnglesJob, ReviewRecordingJob
 from expertaug_recordings.tables import PLACES

@@ -15,7 +15,8 @@ from expertaug_recordings.inspection.inspect import combine, inspect
 from expertaug_recordings.inspection.look import Footage, Look
 from expertaug_recordings.settings import ExtractFramesJob, StatedTimes
 from expertaug_recordings.video import declared
-from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.frame_store import FrameStore
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from expertaug_recordings.video.reader import Video
 
 TICKS = 100  # of a frame

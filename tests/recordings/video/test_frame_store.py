@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.rendering.render import run_stage as render_recording
 from expertaug_recordings.settings import ExtractFramesJob, RenderVideoJob
-from expertaug_recordings.video.frame_store import FrameStore, extract_frames, writing
+from expertaug_recordings.video.frame_store import FrameStore, writing
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from expertaug_recordings.video.pixel_layout import Layout
 
 FRAMES = 50

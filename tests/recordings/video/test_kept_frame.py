@@ -8,9 +8,10 @@ from av.video.reformatter import VideoReformatter
 
 from expertaug_recordings.markers.geometry import estimate_geometry
 from expertaug_recordings.markers.tracker import track_frames
-from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.rendering.render import run_stage as render_recording
 from expertaug_recordings.settings import ExtractFramesJob, RenderVideoJob, TrackMarkersJob
-from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.frame_store import FrameStore
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from expertaug_recordings.video.pixel_layout import KeptFrame, Layout
 
 WIDTH, HEIGHT = 100, 84

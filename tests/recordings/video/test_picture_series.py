@@ -8,7 +8,8 @@ import pytest
 from expertaug.config.sources import list_videos
 from expertaug.errors import InputError
 from expertaug_recordings.settings import ExtractFramesJob
-from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.frame_store import FrameStore
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from expertaug_recordings.video.source import Pictures
 
 COUNT = 12
@@ -49,7 +50,7 @@ def test_times_of_names_give_order_and_rate(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("stated", "message"),
     [
         ({}, "pictures have no frame rate; set recordings.videos.rate_hz or .times .*--rate or --times"),
         ({"rate_hz": 50, "times": "names"}, "give one of them"),
@@ -61,14 +62,14 @@ def test_times_of_names_give_order_and_rate(tmp_path):
         ({"rate_hz": 50, "expected_frames": 13}, "12 pictures; 13 expected"),
     ],
 )
-def test_what_is_wrong_is_one_line(tmp_path, given, message):
+def test_what_is_wrong_is_one_line(tmp_path, stated, message):
     write(tmp_path)
     (tmp_path / "short.csv").write_text("file,t\nframe_0.png,0\n")
     rows = [f"frame_{k}.png,{min(k, 2) + max(0, k - 3)}" for k in range(COUNT)]
     (tmp_path / "tied.csv").write_text("\n".join(["file,t", *rows]))
     (tmp_path / "text.csv").write_text("file,t\nframe_0.png,noon\n")
     with pytest.raises(InputError, match=message) as caught:
-        Pictures(tmp_path, **given)
+        Pictures(tmp_path, **stated)
     assert "\n" not in str(caught.value)
 
 

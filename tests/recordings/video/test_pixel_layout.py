@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from expertaug_recordings.settings import ExtractFramesJob
-from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.frame_store import FrameStore
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from expertaug_recordings.video.pixel_layout import Layout
 from expertaug_recordings.video.reader import Video
 
@@ -36,7 +37,7 @@ def by_opencv(path):
 
 
 @pytest.mark.parametrize(
-    ("given", "kept", "share"),
+    ("written", "kept", "share"),
     [
         (("yuv420p",), "yuv420p", 0.5),
         (("yuv420p", BT709, LIMITED), "yuv420p", 0.5),
@@ -50,8 +51,8 @@ def by_opencv(path):
         (("yuv420p", UNSPECIFIED, 0, (96, 66)), "bgr24", 1),
     ],
 )
-def test_images_are_those_of_opencv(tmp_path, given, kept, share):
-    path = write(tmp_path / "video.mp4", *given)
+def test_images_are_those_of_opencv(tmp_path, written, kept, share):
+    path = write(tmp_path / "video.mp4", *written)
     expected = by_opencv(path)
     with Video(path) as video:
         np.testing.assert_array_equal(np.stack([image for _, image in video.frames()]), expected)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug_recordings.rendering.render import render_recording
+from expertaug_recordings.rendering.render import run_stage as render_recording
 from expertaug_recordings.settings import RenderVideoJob
 from expertaug_recordings.video.reader import Video
 from expertaug_recordings.video.writer import encode

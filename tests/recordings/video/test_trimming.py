@@ -11,7 +11,8 @@ from expertaug.errors import InputError
 from expertaug_recordings.markers.track import MaskedFrames
 from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.settings import ExtractFramesJob, StatedTimes, TrackMarkersJob
-from expertaug_recordings.video.frame_store import FrameStore, extract_frames
+from expertaug_recordings.video.frame_store import FrameStore
+from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from expertaug_recordings.video.source import open_frames
 from expertaug_recordings.video.writer import encode
 

@@ -10,22 +10,19 @@ from pathlib import Path
 
 import jinja2
 
-from expertaug.evaluation import costs, run_record
+from expertaug.evaluation import run_record
 from expertaug.evaluation.report import headline, tables
 from expertaug.evaluation.report.graph import drawing
 from expertaug.evaluation.report.links import Dashboard, Links
-from expertaug.evaluation.report.shown import Shown
+from expertaug.evaluation.report.shown import ESTIMATES, Picture, Results, Shown, read_results
 from expertaug.evaluation.settings import Reading, ReportExperiment, ReportJob
 from expertaug.evaluation.summary import TabledMean
 from expertaug.evaluation.table import STAR, Table
 from expertaug.evaluation.tabulate import CHOICE, GAINS, WORST
-from expertaug.files import check_inside, write_text
-from expertaug.tracking import provenance
-from expertaug.tracking.settings import tracking_of_run
+from expertaug.files import write_text
 
 TEMPLATE = Path(__file__).with_name("page.html")
 RECORDINGS, OVERALL = "Recordings", "All experiments"
-ESTIMATES = "estimates"
 LONG = 40  # rows of a table that is folded
 FIRST = (ESTIMATES, "alarm")  # of an experiment: what a laboratory asks, before the scores of methods
 
@@ -38,7 +35,7 @@ class Block:
         name: "Figure 3".
         title: a few words.
         caption: in full.
-        picture: a figure's data URI, and its width and height in px.
+        picture: a figure's.
         table: a table's cells.
         folded: whether it is shown only when it is asked for.
         links: where the runs behind its rows are.
@@ -47,19 +44,19 @@ class Block:
     name: str
     title: str
     caption: str
-    picture: tuple[str, int, int] | None = None
+    picture: Picture | None = None
     table: Table | None = None
     folded: bool = False
     links: Links = field(default_factory=dict)
 
 
-class Numbers:
+class Numbering:
     """Gives figures and tables their numbers, in the order of the page."""
 
     def __init__(self) -> None:
         self._next = {"Figure": count(1), "Table": count(1)}
 
-    def figure(self, title: str, caption: str, picture: tuple[str, int, int], folded: bool = False) -> Block:
+    def figure(self, title: str, caption: str, picture: Picture, folded: bool = False) -> Block:
         return Block(f"Figure {next(self._next['Figure'])}", title, caption, picture, folded=folded)
 
     def table(self, title: str, caption: str, table: Table, folded: bool = False, links: Links | None = None) -> Block:
@@ -77,35 +74,34 @@ def run_stage(results: Path, output: Path, job: ReportJob) -> None:
     Raises:
         InputError: a table, a figure or a caption is missing or broken.
     """
-    write_text(output, report(results, job))
+    write_text(output, report(read_results(Path(results), job), job))
 
 
-def report(results: Path, job: ReportJob) -> str:
-    """The page, which shows files: what is on it is read from the results folder of a finished run."""
-    results, numbers = Path(results), Numbers()
-    shown = [Shown(file.path, file.caption, file.wildcards, file.title) for file in job.shown]
-    experiments = [
-        (tables.read_long(check_inside(results / f"tables/{experiment.name}_long.csv", results)), experiment)
-        for experiment in job.experiments
-    ]
-    dashboard = Dashboard(tracking_of_run(results))
+def report(results: Results, job: ReportJob) -> str:
+    """The page, one HTML text that needs no other.
+
+    Arguments:
+        results: what it shows; the job's files are not read.
+    """
+    numbers, shown = Numbering(), results.shown
+    experiments = list(zip(results.long, job.experiments, strict=True))
+    dashboard = Dashboard(results.tracking)
     table = headline.table(experiments)
     links = dashboard.of_several(
         table, {headline.part(experiment): (experiment.name, long) for long, experiment in experiments}
     )
     first = numbers.table("Headline numbers", headline.CAPTION, table, links=links)
-    sections = [(OVERALL, _blocks(numbers, [file for file in shown if _room(file) == OVERALL], results, job))]
+    of_all = [file for file in shown if file.experiment is None and not file.of_recordings]
+    sections = [(OVERALL, _blocks(numbers, of_all, job))]
     for long, experiment in experiments:
         own = [s for s in shown if s.experiment == experiment.name and s.stem != experiment.name]
-        caption = next((s.text(job.preset) for s in shown if s.stem == experiment.name), "")
+        caption = next((s.caption for s in shown if s.stem == experiment.name), "")
         asked = [s for name in FIRST for s in own if s.stem == f"{experiment.name}_{name}"]
-        blocks = _blocks(numbers, asked, results, job, experiment, folded=False)
+        blocks = _blocks(numbers, asked, job, experiment, folded=False)
         blocks += _of_experiment(numbers, long, experiment, caption, dashboard)
-        blocks += _blocks(numbers, [s for s in own if s not in asked], results, job, experiment)
+        blocks += _blocks(numbers, [s for s in own if s not in asked], job, experiment)
         sections.append((experiment.of_experiment(experiment.name), blocks))
-    sections.append((RECORDINGS, _blocks(numbers, [s for s in shown if _room(s) == RECORDINGS], results, job)))
-    measured = costs.of_run(results / "logs")
-    record = run_record.of_run(results, measured)
+    sections.append((RECORDINGS, _blocks(numbers, [s for s in shown if s.of_recordings], job)))
     titles, notice = _without_notice([experiment.of_experiment(experiment.name) for _, experiment in experiments])
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     return environment.from_string(TEMPLATE.read_text(encoding="utf-8")).render(
@@ -116,8 +112,8 @@ def report(results: Path, job: ReportJob) -> str:
         linked=bool(first.links),
         served=dashboard.command,
         sections=[(title, blocks) for title, blocks in sections if blocks],
-        costs=run_record.costs_table(measured) if measured else None,
-        provenance=run_record.provenance_table(record, job, provenance.revision()),
+        costs=run_record.costs_table(results.costs) if results.costs else None,
+        provenance=run_record.provenance_table(results.record, job, results.revision),
         graph=drawing(job.rules),
     )
 
@@ -133,7 +129,7 @@ def _without_notice(titles: Sequence[str]) -> tuple[list[str], str]:
 
 
 def _of_experiment(
-    numbers: Numbers, long: Sequence[TabledMean], experiment: ReportExperiment, caption: str, dashboard: Dashboard
+    numbers: Numbering, long: Sequence[TabledMean], experiment: ReportExperiment, caption: str, dashboard: Dashboard
 ) -> list[Block]:
     """Tables of an experiment: its metrics, the gains of augmented versions, and the other metrics."""
     shown = [("Metrics", caption, tables.main(long, experiment))]
@@ -152,9 +148,8 @@ def _of_experiment(
 
 
 def _blocks(
-    numbers: Numbers,
+    numbers: Numbering,
     shown: Sequence[Shown],
-    results: Path,
     job: ReportJob,
     experiment: ReportExperiment | None = None,
     folded: bool = True,
@@ -164,48 +159,32 @@ def _blocks(
     blocks: list[Block | None] = []
     of_figures = {file.stem: file for file in shown if not file.is_figure}
     for file in sorted(shown, key=lambda file: not file.is_figure):
-        if file.is_figure and file.is_note(results):
+        if file.is_figure and file.picture is None:
             if file.stem in of_figures:
-                said = file.text(job.preset)
-                blocks.append(_table(numbers, of_figures[file.stem], results, job, said, experiment, folded))
-        elif file.is_figure:
-            figure = numbers.figure(
-                file.title, file.text(job.preset), file.picture(results), "recording" in file.wildcards
-            )
+                blocks.append(_table(numbers, of_figures[file.stem], job, file.caption, experiment, folded))
+        elif file.picture is not None:
+            figure = numbers.figure(file.title, file.caption, file.picture, "recording" in file.wildcards)
             blocks.append(figure)
             if file.stem in of_figures:
                 said = f"The numbers of {figure.name}, means over seeds; every digit is in {of_figures[file.stem].csv}."
-                blocks.append(_table(numbers, of_figures[file.stem], results, job, said, experiment, folded))
+                blocks.append(_table(numbers, of_figures[file.stem], job, said, experiment, folded))
         elif file.stem not in {block.stem for block in shown if block.is_figure}:
-            blocks.append(_table(numbers, file, results, job, file.text(job.preset), experiment))
+            blocks.append(_table(numbers, file, job, file.caption, experiment))
     return [block for block in blocks if block is not None]
 
 
 def _table(
-    numbers: Numbers,
+    numbers: Numbering,
     file: Shown,
-    results: Path,
     job: ReportJob,
     caption: str,
     experiment: ReportExperiment | None,
     folded: bool = False,
 ) -> Block | None:
     """A file's table, folded if it is long; None if it has no row."""
-    path = check_inside(results / file.csv, results)
-    if file.stem == "published":
-        table = tables.published(path, {e.name: e.of_experiment(e.name) for e in job.experiments})
-        caption += " Methods that were not run are left out."
-    elif _room(file) == RECORDINGS:
-        table = tables.recordings(path)
-    elif experiment is not None and file.stem == f"{experiment.name}_{ESTIMATES}":
-        table = tables.stated(path)
-    else:
-        table = tables.of_file(path, experiment or Reading())
-    return numbers.table(file.title, caption, table, folded or table.size > LONG) if table.size else None
-
-
-def _room(file: Shown) -> str | None:
-    """The section of what is not of one experiment."""
-    if file.experiment is not None:
+    table = file.numbers.table(experiment or Reading(), job) if file.numbers is not None else None
+    if table is None or not table.size:
         return None
-    return RECORDINGS if file.path.startswith("recordings/") else OVERALL
+    if isinstance(file.numbers, tables.Published):
+        caption += " Methods that were not run are left out."
+    return numbers.table(file.title, caption, table, folded or table.size > LONG)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -13,7 +15,7 @@ from expertaug.evaluation.estimates import TabledEstimate
 from expertaug.evaluation.intervals import Interval
 from expertaug.evaluation.metrics import COST, metric_of
 from expertaug.evaluation.published import Compared
-from expertaug.evaluation.settings import Reading, TabulateJob, Titles
+from expertaug.evaluation.settings import Reading, ReportJob, TabulateJob, Titles
 from expertaug.evaluation.summary import Mean, TabledMean, cell_of, tabled_metrics
 from expertaug.evaluation.table import Table, plain
 from expertaug.evaluation.tabulate import (
@@ -48,16 +50,57 @@ UNSAID = ("experiment", "system", "preset", "method")
 HEADS = {"label": "method", "auroc": "AUROC"}  # columns of CSV files that are not printed by their own names
 
 
-def read(path: Path) -> pd.DataFrame:
-    """A CSV file of the run.
+class Numbers(ABC):
+    """What a table's CSV holds."""
+
+    @abstractmethod
+    def table(self, reading: Reading, job: ReportJob) -> Table:
+        """As the page shows it.
+
+        Arguments:
+            reading: of its experiment.
+            job: of the page.
+        """
+
+
+def read_numbers(path: Path) -> Numbers:
+    """The numbers of any table but those that are printed in a way of their own.
 
     Raises:
-        InputError: it is missing or broken.
+        InputError: the file is missing or broken.
     """
-    try:
-        return pd.read_csv(_there(path), dtype={"seeds": str, "refused": str})
-    except (OSError, ValueError) as error:
-        raise InputError(path, f"is no table ({error})", AGAIN) from error
+    frame = _read(path)
+    for kind in (TabledMean, Mean):
+        if {column.name for column in columns(kind) if column.needed} <= set(frame):
+            return Means(read_csv(path, kind, AGAIN))
+    return Frame(frame)
+
+
+def read_published(path: Path) -> Published:
+    """This run's numbers beside the paper's.
+
+    Raises:
+        InputError: the file is missing or broken.
+    """
+    return Published(read_csv(_there(path), Compared, AGAIN))
+
+
+def read_stated(path: Path) -> Stated:
+    """The estimates of an experiment's versions.
+
+    Raises:
+        InputError: the file is missing or broken.
+    """
+    return Stated(read_csv(_there(path), TabledEstimate, AGAIN))
+
+
+def read_recordings(path: Path) -> Recordings:
+    """What was measured in each recording.
+
+    Raises:
+        InputError: the file is missing or broken.
+    """
+    return Recordings(_read(path))
 
 
 def read_long(path: Path) -> list[TabledMean]:
@@ -67,6 +110,13 @@ def read_long(path: Path) -> list[TabledMean]:
         InputError: it is missing or broken.
     """
     return summary.read_long(_there(path), AGAIN)
+
+
+def _read(path: Path) -> pd.DataFrame:
+    try:
+        return pd.read_csv(_there(path), dtype={"seeds": str, "refused": str})
+    except (OSError, ValueError) as error:
+        raise InputError(path, f"is no table ({error})", AGAIN) from error
 
 
 def _there(path: Path) -> Path:
@@ -120,97 +170,104 @@ def _leaves_0_out(difference: Interval) -> bool:
     return difference.low > 0 or difference.high < 0
 
 
-def by_label(means: Sequence[Mean], reading: Reading) -> Table:
-    """A study's means: a row for each metric, set and number of passes, where it has these, a column for each label."""
-    metrics = tabled_metrics(means, reading.convention)
-    shown = [mean for mean in means if mean.metric in metrics]
-    passes = [name for name in ALONG if any(getattr(mean, name) is not None for mean in shown)]
-    names, rows = list(dict.fromkeys(mean.label for mean in shown)), []
-    values = {(_place(mean), mean.label): mean for mean in shown}
-    for place in dict.fromkeys(map(_place, shown)):
-        metric, name, *numbers = place
-        first = [metric_of(metric).heading(), reading.of_set(name), *map(plain, numbers[: len(passes)])]
-        rows.append([*first, *(cell_of(values, (place, label), metric).text() for label in names)])
-    head = ["metric", "set", *(name.replace("_", " ") for name in passes)]
-    return Table([*head, *names], [("", rows)], len(head))
+@dataclass(frozen=True)
+class Means(Numbers):
+    """A study's means."""
+
+    rows: Sequence[Mean]
+
+    def table(self, reading: Reading, job: ReportJob) -> Table:
+        """A row for each metric, set and number of passes, where it has these, a column for each label."""
+        metrics = tabled_metrics(self.rows, reading.convention)
+        shown = [mean for mean in self.rows if mean.metric in metrics]
+        passes = [name for name in ALONG if any(getattr(mean, name) is not None for mean in shown)]
+        names, rows = list(dict.fromkeys(mean.label for mean in shown)), []
+        values = {(_place(mean), mean.label): mean for mean in shown}
+        for place in dict.fromkeys(map(_place, shown)):
+            metric, name, *numbers = place
+            first = [metric_of(metric).heading(), reading.of_set(name), *map(plain, numbers[: len(passes)])]
+            rows.append([*first, *(cell_of(values, (place, label), metric).text() for label in names)])
+        head = ["metric", "set", *(name.replace("_", " ") for name in passes)]
+        return Table([*head, *names], [("", rows)], len(head))
 
 
 def _place(mean: Mean) -> tuple[str, str, int | None, int | None]:
     return mean.metric, mean.set, mean.epoch, mean.finetune_epochs
 
 
-def of_file(path: Path, reading: Reading) -> Table:
-    """The table of any CSV file of the run: means over seeds as such, others row by row, averaged over seeds.
+@dataclass(frozen=True)
+class Frame(Numbers):
+    """The numbers of any other table, as they are in its file."""
 
-    Raises:
-        InputError: the file is missing or broken.
-    """
-    table = read(path)
-    for kind in (TabledMean, Mean):
-        if {column.name for column in columns(kind) if column.needed} <= set(table):
-            return by_label(read_csv(path, kind, AGAIN), reading)
-    kept = table.drop(columns=[c for c in UNSAID if c in table and "label" in table])
-    kept = kept.dropna(axis="columns", how="all")
-    if "seed" in kept:
-        kept = _over_seeds(kept)
-    if "set" in kept:
-        kept["set"] = [reading.of_set(str(name)) for name in kept["set"]]
-    texts = [name for name in kept if not pd.api.types.is_numeric_dtype(kept[name])]
-    in_order = [*texts, *(name for name in kept if name not in texts)] if "label" in texts else list(kept)
-    names = len(texts) if "label" in texts else 1
-    head = [HEADS.get(str(name), str(name).replace("_", " ")) for name in in_order]
-    rows = [[plain(value) for value in row] for row in kept[in_order].itertuples(index=False)]
-    return Table(head, [("", rows)], names)
+    numbers: pd.DataFrame
+
+    def table(self, reading: Reading, job: ReportJob) -> Table:
+        """Row by row, averaged over seeds."""
+        kept = self.numbers.drop(columns=[c for c in UNSAID if c in self.numbers and "label" in self.numbers])
+        kept = kept.dropna(axis="columns", how="all")
+        if "seed" in kept:
+            kept = _over_seeds(kept)
+        if "set" in kept:
+            kept["set"] = [reading.of_set(str(name)) for name in kept["set"]]
+        texts = [name for name in kept if not pd.api.types.is_numeric_dtype(kept[name])]
+        in_order = [*texts, *(name for name in kept if name not in texts)] if "label" in texts else list(kept)
+        names = len(texts) if "label" in texts else 1
+        head = [HEADS.get(str(name), str(name).replace("_", " ")) for name in in_order]
+        rows = [[plain(value) for value in row] for row in kept[in_order].itertuples(index=False)]
+        return Table(head, [("", rows)], names)
 
 
-def stated(path: Path) -> Table:
-    """The estimates of an experiment's versions.
+@dataclass(frozen=True)
+class Stated(Numbers):
+    """The estimates of an experiment's versions."""
 
-    Raises:
-        InputError: the file is missing or broken.
-    """
-    return estimates.table(read_csv(_there(path), TabledEstimate, AGAIN))
+    rows: Sequence[TabledEstimate]
+
+    def table(self, reading: Reading, job: ReportJob) -> Table:
+        return estimates.table(self.rows)
 
 
-def published(path: Path, titles: Mapping[str, str]) -> Table:
-    """This run's numbers beside the paper's (:mod:`expertaug.evaluation.published`), of the methods that were run.
+@dataclass(frozen=True)
+class Published(Numbers):
+    """This run's numbers beside the paper's (:mod:`expertaug.evaluation.published`)."""
 
-    Arguments:
-        titles: of the experiments.
+    rows: Sequence[Compared]
 
-    Raises:
-        InputError: the file is missing or broken.
-    """
-    run, parts = [row for row in read_csv(_there(path), Compared, AGAIN) if row.of > 0], []
-    for (experiment, metric), part in grouped(run, lambda row: (row.experiment, row.metric)).items():
-        digits = int(any(row.published_mean % 1 != 0 for row in part))  # as printed in the paper's table of this metric
-        rows = [
-            [
-                row.label,
-                Titles().of_set(row.set),
-                row.published(digits),
-                row.cell().text(),
-                str(row.of),
-                f"{row.p:.3f}",
-                row.verdict,
+    def table(self, reading: Reading, job: ReportJob) -> Table:
+        """Of the methods that were run, a part for each experiment and metric."""
+        titles = {experiment.name: experiment.of_experiment(experiment.name) for experiment in job.experiments}
+        run, parts = [row for row in self.rows if row.of > 0], []
+        for (experiment, metric), part in grouped(run, lambda row: (row.experiment, row.metric)).items():
+            digits = int(any(row.published_mean % 1 != 0 for row in part))  # as printed in the paper's table of it
+            rows = [
+                [
+                    row.label,
+                    Titles().of_set(row.set),
+                    row.published(digits),
+                    row.cell().text(),
+                    str(row.of),
+                    f"{row.p:.3f}",
+                    row.verdict,
+                ]
+                for row in part
             ]
-            for row in part
-        ]
-        parts.append((f"{titles.get(experiment, experiment)}: {metric_of(metric).heading()}", rows))
-    return Table(["method", "set", "published", "ours", "seeds", "p", "verdict"], parts, 2)
+            parts.append((f"{titles.get(experiment, experiment)}: {metric_of(metric).heading()}", rows))
+        return Table(["method", "set", "published", "ours", "seeds", "p", "verdict"], parts, 2)
 
 
-def recordings(path: Path) -> Table:
-    """What was measured in each recording, a few columns of many.
+@dataclass(frozen=True)
+class Recordings(Numbers):
+    """What was measured in each recording."""
 
-    Raises:
-        InputError: the file is missing or broken.
-    """
-    table = read(path)
-    table = table.assign(**{name: 100 * table[name] for name in ("tracked_share", "usable_share") if name in table})
-    shown = [name for name in RECORDING if name in table]
-    rows = [[plain(value) for value in row] for row in table[shown].itertuples(index=False)]
-    return Table([RECORDING[name] for name in shown], [("", rows)])
+    numbers: pd.DataFrame
+
+    def table(self, reading: Reading, job: ReportJob) -> Table:
+        """A few columns of many."""
+        percent = [name for name in ("tracked_share", "usable_share") if name in self.numbers]
+        table = self.numbers.assign(**{name: 100 * self.numbers[name] for name in percent})
+        shown = [name for name in RECORDING if name in table]
+        rows = [[plain(value) for value in row] for row in table[shown].itertuples(index=False)]
+        return Table([RECORDING[name] for name in shown], [("", rows)])
 
 
 def _over_seeds(table: pd.DataFrame) -> pd.DataFrame:
