@@ -35,7 +35,7 @@ TESTS = {
 
 
 def proposal(
-    found: Inspection, system: Mapping | None, priors: Mapping[str, list[float]], constants: Sequence[str] = ()
+    found: Inspection, system: Mapping | None, priors: Mapping[str, Sequence[float]], constants: Sequence[str] = ()
 ) -> str:
     """YAML for the experiment ``measured``.
 
