@@ -37,7 +37,6 @@ def test_an_outline_is_what_the_class_says(settings):
     outline, system = systems.outline(settings), systems.load(settings)
     assert outline.names == systems.names(system)
     assert list(outline.constants) == systems.constants(system)
-    assert outline.positive == {p.name for p in system.expert_parameters if p.positive}
     lowest = {p.name: (0.3 if p.positive else -3.0) * p.scale for p in system.expert_parameters}
     assert outline.priors == {p.name: (lowest[p.name], 3.0 * p.scale) for p in system.expert_parameters}
 

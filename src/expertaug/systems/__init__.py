@@ -114,13 +114,11 @@ class Outline:
     Attributes:
         names: of its components, parameters and known inputs.
         priors: a first guess of the range of each expert parameter.
-        positive: names of those that are positive.
         constants: names of those that are constants of an apparatus.
     """
 
     names: Names
     priors: Mapping[str, tuple[float, float]]
-    positive: frozenset[str]
     constants: tuple[str, ...]
 
 
@@ -134,15 +132,15 @@ def outline(settings: Mapping[str, Any]) -> Outline:
     own = _of_choices(settings)
     if own is None or own.TABLES is None:
         system = load(settings)
-        sizes = {p.name: (p.scale, p.positive) for p in system.expert_parameters}
-        return Outline(names(system), *_sized(sizes), tuple(constants(system)))
+        priors = {p.name: _range(p.scale, p.positive) for p in system.expert_parameters}
+        return Outline(names(system), priors, tuple(constants(system)))
     tables, units = own.TABLES, {**own.TABLES.units, **own.UNITS}
     state, parameters, inputs = (
         {name: units.get(name, "") for name in part} for part in (own.STATE, own.expert_names, own.inputs)
     )
-    sizes = {name: (tables.scales.get(name, 1.0), True) for name in own.expert_names}
+    priors = {name: _range(tables.scales.get(name, 1.0)) for name in own.expert_names}
     of_own = Names(state, parameters, inputs, rates=tables.rates)
-    return Outline(of_own, *_sized(sizes), own.expert_names if tables.constants else ())
+    return Outline(of_own, priors, own.expert_names if tables.constants else ())
 
 
 def _of_choices(settings: Mapping[str, Any]) -> SystemSettings | None:
@@ -156,10 +154,9 @@ def _of_choices(settings: Mapping[str, Any]) -> SystemSettings | None:
         return None
 
 
-def _sized(sizes: Mapping[str, tuple[float, bool]]) -> tuple[dict[str, tuple[float, float]], frozenset[str]]:
-    """Ranges, and which are positive, of parameters by their scale and whether they are."""
-    priors = {name: ((0.3 if positive else -3.0) * scale, 3.0 * scale) for name, (scale, positive) in sizes.items()}
-    return priors, frozenset(name for name, (_, positive) in sizes.items() if positive)
+def _range(scale: float, positive: bool = True) -> tuple[float, float]:
+    """A first guess of the range of a parameter of that size."""
+    return (0.3 if positive else -3.0) * scale, 3.0 * scale
 
 
 def rates(system: System) -> dict[str, str]:
