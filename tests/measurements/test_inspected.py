@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
+from swings import NAMES
 
 from expertaug.cli import main
-from expertaug.measurements.cut import measured
+from expertaug.measurements.cut import measured, sets_of
+from expertaug.measurements.inspect import Inspection
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings
 
@@ -99,3 +101,30 @@ def test_a_dose_that_every_row_repeats_is_no_motion(tmp_path, monkeypatch, capsy
     assert "the same in all rows of a trajectory" in told
     assert columns.get("conc", {"name": "serum (mg/L)"})["name"] == "serum (mg/L)"
     assert ("leave the other cells empty" in told) == used
+
+
+@pytest.mark.parametrize(
+    ("count", "rows", "whole", "length", "caution"),
+    [
+        (2, 10, True, 5, "too short for a split by time, trains; the other's first half validates and its second"),
+        (2, 30, True, 15, "scores depend on it alone"),
+        (2, 60, False, 8, "the test set is the end of each trajectory"),
+        (3, 12, True, 12, "there are only 3: 1 for validation, 1 for the test, on which scores depend"),
+        (8, 12, True, 12, "there are only 8: 2 for validation, 1 for the test, on which scores depend"),
+    ],
+)
+def test_few_or_short_trajectories_are_split_between_them_with_a_caution(
+    tmp_path, capsys, monkeypatch, count, rows, whole, length, caution
+):
+    monkeypatch.setattr(Inspection, "draw", lambda *_: None)
+    path = tmp_path / "short.csv"
+    lines = [f"{k},{n / 10},{np.cos(n / 5 + k):.4f}" for k in range(count) for n in range(rows)]
+    path.write_text("\n".join(["trial,t,theta", *lines, ""]))
+    assert main(["inspect-data", str(path), "--system", "pendulum"]) == 0
+    out = capsys.readouterr().out
+    assert caution in next(line for line in out.splitlines() if " split: " in line)
+    files = yaml.safe_load(out)["experiments"]["measured"]["data"]["files"]
+    assert files["split"] == ({"by": "random", "pieces": "trajectories"} if whole else {"by": "time"})
+    assert files["length"] == length
+    sets, _, _ = sets_of(measured(MeasurementSettings.from_mapping(files), NAMES))
+    assert all(len(trajectories) for trajectories in sets.values())

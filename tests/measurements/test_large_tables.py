@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -34,6 +37,7 @@ PLAIN = {
     "a comment and a row of units above": (["# logged", *lines()[:1], "m,m,n,s,w", *lines()[1:]], {}),
     "lines skipped": (["a", "b,c", *lines()], {"skip_lines": 2}),
     "no header": (lines()[1:], {"names": NAMES}),
+    "words from some row on": (lines(rows=[*NUMBERS[:4], [*NUMBERS[2][:3500], *NUMBERS[4][:500]]]), {}),
     "quoted": ([line.replace(",", '","').join('""') for line in lines()], {}),
 }
 LINE_BY_LINE = {
@@ -79,6 +83,18 @@ def test_the_same_table(tmp_path, monkeypatch, case, ending):
         assert one is None or np.array_equal(one, other, equal_nan=True)
 
 
+def test_rows_of_one_text_share_it(tmp_path, monkeypatch):
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(lines()))
+    monkeypatch.setattr(module, "LARGE", 0)
+    large = read_table(path, TableKeys())
+    for texts, count in ((large.cells["word"], 4), (large.texts("word"), 4), (large.texts("run"), 40)):
+        assert len(set(map(id, texts))) == count
+    rows = large.kinds("run").rows()
+    assert list(rows) == [str(k) for k in range(40)] and np.array_equal(rows["7"], np.arange(700, 800))
+    assert np.array_equal(large.kinds("word").rows()["b 1"], np.arange(1, 4000, 4))
+
+
 @pytest.mark.parametrize("case", REFUSED)
 def test_the_same_refusal_of_rows(tmp_path, monkeypatch, case):
     path = tmp_path / "a.csv"
@@ -101,3 +117,13 @@ def test_the_same_refusal_of_a_cell(tmp_path, monkeypatch, cell):
             one.numbers("y")
         said.append(str(error.value))
     assert said[0] == said[1] and f"row 3001, column y: '{cell}'" in said[0]
+
+
+@pytest.mark.slow
+def test_inspecting_a_table_loads_no_torch(tmp_path):
+    path = tmp_path / "swings.csv"
+    path.write_text("t,theta\n" + "".join(f"{k / 50},{np.cos(k / 10)}\n" for k in range(1000)))
+    code = "import sys; from expertaug.cli import main; main(sys.argv[1:]); print('torch' in sys.modules)"
+    command = ["inspect-data", str(path), "--system", "pendulum", "--output", str(tmp_path / "seen.png")]
+    done = subprocess.run([sys.executable, "-c", code, *command], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("# 1 file, 1 trajectory") and done.stdout.endswith("\nFalse\n")

@@ -189,7 +189,7 @@ def test_sets_are_called_what_they_are(inspected, number, by):
     assert data["files"]["split"]["by"] == by
     titles = yaml.safe_load(told)["experiments"]["measured"]["evaluation"]["set_titles"]
     assert titles["test"] == ("test (later)" if by == "time" else "test (other trajectories)")
-    assert ("depend on a few" in told) == (number == 4)
+    assert ("on which scores depend" in told) == (number == 4)
 
 
 LONG = [

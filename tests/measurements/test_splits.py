@@ -85,6 +85,21 @@ def test_time_trains_on_the_beginning_unless_reversed(tmp_path):
         assert (labels[0] == 0).sum() == 120
 
 
+def test_of_two_trajectories_one_trains_and_the_halves_of_the_other_validate_and_test(tmp_path):
+    path = trials(tmp_path, count=2, points=24)
+    whole = {"by": "random", "pieces": "trajectories"}
+    trains = []
+    for seed in range(4):
+        labels, _ = divide(measured(settings(path, length=8, evaluation_stride=4, split=whole | {"seed": seed}), NAMES))
+        trains.append(int((labels[0] == 0).all()))
+        other = labels[trains[-1]]
+        assert (labels[1 - trains[-1]] == 0).all()
+        assert (other[:12] == 1).all() and (other[12:] == 2).all()
+    assert set(trains) == {0, 1}
+    with pytest.raises(InputError, match="there are 1 pieces"):
+        divide(measured(settings(trials(tmp_path, count=1), split=whole), NAMES))
+
+
 def test_random_depends_on_the_seed_alone(tmp_path):
     data = [measured(settings(trials(tmp_path), split={"by": "random", "seed": s}), NAMES) for s in (1, 1, 2)]
     one, same, other = (np.concatenate(divide(d)[0]) for d in data)

@@ -98,23 +98,21 @@ def _inspect_data(a: argparse.Namespace) -> None:
     from expertaug.measurements.proposal import comment, proposal
     from expertaug.measurements.settings import MeasurementSettings
 
-    names, priors, constants, settings = None, {}, [], None
+    settings = outline = None
     if a.system is not None:
         from expertaug import systems
 
         settings = read_settings(a.system) if a.system.lstrip().startswith("{") else {"name": a.system}
-        system = systems.load(settings)
-        names = systems.names(system)
-        priors = {p.name: [(0.3 if p.positive else -3.0) * p.scale, 3.0 * p.scale] for p in system.expert_parameters}
-        constants = systems.constants(system)
+        outline = systems.outline(settings)
     units = dict(text.rpartition("=")[::2] for text in a.unit)
     overrides = dict(map(_key, a.set))
     MeasurementSettings.from_mapping({"paths": a.files, "columns": {"-": "-"}} | overrides, "--set")
-    inspection = Inspection(a.files, names, a.time, a.trajectory, units, overrides)
+    inspection = Inspection(a.files, outline and outline.names, a.time, a.trajectory, units, overrides)
     for line in inspection.lines():
         print(comment(line))
     inspection.draw(a.output)
     logger.info("%s: picture", a.output)
+    priors, constants = (outline.priors, outline.constants) if outline else ({}, ())
     print(proposal(inspection, settings, priors, constants), end="")
 
 

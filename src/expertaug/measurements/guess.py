@@ -135,10 +135,7 @@ def guess(
 def _still(rest: Mapping[str, np.ndarray], table: Table, trajectory: str | None) -> list[str]:
     """Columns of numbers (n,) that are the same in all rows of each trajectory, as a dose or a mass is; none where
     there are no others."""
-    if trajectory is None:
-        groups = np.zeros(len(table), dtype=int)
-    else:
-        groups = np.unique(table.texts(trajectory).astype(str), return_inverse=True)[1]
+    groups = np.zeros(len(table), dtype=int) if trajectory is None else table.kinds(trajectory).of_row
     order = np.argsort(groups, kind="stable")
     begins = np.flatnonzero(np.diff(groups[order], prepend=-1))
     still = []
@@ -235,7 +232,7 @@ def _holds(table: Table, name: str, pattern: re.Pattern[str]) -> bool:
 def _trajectory(numbers: Mapping[str, np.ndarray], table: Table) -> str | None:
     """A column that is called so, or whole numbers that stay the same for many rows."""
     for name in table.names:
-        if _bare(name) in TRAJECTORIES and len(set(table.texts(name).tolist())) < max(len(table), 2):
+        if _bare(name) in TRAJECTORIES and len(table.kinds(name).texts) < max(len(table), 2):
             return name  # where each row has its own it counts the rows
     for name, values in numbers.items():
         if np.isfinite(values).all() and (values == np.rint(values)).all() and not _is_of_time(name, values):

@@ -193,8 +193,7 @@ class Inspection:
             if self.guess.trajectory is None:
                 groups = [np.arange(len(table))]
             else:
-                ids = table.texts(self.guess.trajectory)
-                groups = [np.flatnonzero(ids == name) for name in dict.fromkeys(ids)]
+                groups = list(table.kinds(self.guess.trajectory).rows().values())
             if self.guess.trajectory is None:
                 check_one_row_a_time(table, t, used)
             check_sortable(table, t, groups)

@@ -14,7 +14,8 @@ from expertaug.measurements.inspect import Inspection
 from expertaug.measurements.sensors import rows_of_a_period
 from expertaug.measurements.settings import MeasurementSettings
 
-LONGEST, SHORTEST, PIECES = 200, 8, 8  # points of a chunk; chunks that a trajectory should have where there are few
+LONGEST, SHORTEST, LEAST = 200, 8, 3  # points of a chunk, and of one where the data allow no longer one
+PIECES = 8  # chunks that a trajectory should have where there are few
 FINEST = 400  # points of a chunk whose rows keep their times
 FEW, FEWEST = 10, 3  # trajectories for a split between them, without a caution and with one
 OF_A_PERIOD = 40  # points, where rows are so dense that a chunk would end within one
@@ -31,11 +32,17 @@ TESTS = {
         "test (other trajectories)",
         "the test set is other trajectories of the same kind, drawn at random",
     ),
+    "halves": (
+        "test (another trajectory)",
+        "one of the two trajectories, each too short for a split by time, trains; the other's first half validates and "
+        "its second half tests: scores depend on it alone",
+    ),
 }
+BETWEEN = {"by": "random", "pieces": "trajectories"}
 
 
 def proposal(
-    inspection: Inspection, system: Mapping | None, priors: Mapping[str, list[float]], constants: Sequence[str] = ()
+    inspection: Inspection, system: Mapping | None, priors: Mapping[str, Sequence[float]], constants: Sequence[str] = ()
 ) -> str:
     """YAML for the experiment ``measured``.
 
@@ -44,8 +51,8 @@ def proposal(
         priors: a first guess of the range of each expert parameter.
         constants: expert parameters that all windows of one apparatus share.
     """
-    settings, cut, counts = _cut(inspection)
-    length = cut.settings.length
+    settings, cut, rows = _cut(inspection)
+    length, several = cut.settings.length, len(inspection.data.grid.series)
     t1_s = round(length // 2 * inspection.data.grid.row_s * _points_apart(settings, inspection), 9)
     files = {
         "paths": settings["paths"] if len(settings["paths"]) > 1 else settings["paths"][0],
@@ -54,10 +61,12 @@ def proposal(
         **{k: settings[k] for k in ("length", "phases", "stride", "evaluation_stride") if k in settings},
         **{k: settings[k] for k in ("min_chunks", "split")},
     }
-    split = "trajectories" if "pieces" in settings["split"] else "time"
+    split = "time" if settings["split"] != BETWEEN else "trajectories" if several >= FEWEST else "halves"
     remarks = {"split": TESTS[split][1]}
-    if split == "trajectories" and len(inspection.data.grid.series) < FEW:
-        remarks["split"] += f"; there are only {len(inspection.data.grid.series)}, so scores depend on a few of them"
+    if split == "trajectories" and several < FEW:
+        each = {name: len(np.unique(of[:, 0])) for name, of in rows.items()}
+        counted = f"{each['validation']} for validation, {each['test']} for the test"
+        remarks["split"] += f"; there are only {several}: {counted}, on which scores depend"
     if "phases" in settings:
         remarks["step_s"] = "chunks of successive rows would end within a swing"
     unseen = [name for name in inspection.names.state if name not in settings["columns"]]
@@ -71,7 +80,7 @@ def proposal(
     training = {"epochs": 200, "batch_size": 20, "learning_rate": 3e-3, "horizon_warmup": 0.3, "expert_first": 0.2}
     blocks = [
         *([comment(said)] if (said := cut.told_short()) else []),
-        f"# next: expertaug validate FILE; snakemake --cores 2 --configfile FILE   ({_told(counts)})",
+        f"# next: expertaug validate FILE; snakemake --cores 2 --configfile FILE   ({_told(rows)})",
         "results: results/measured",
         f"run: [{NAME}]",
         "experiments:",
@@ -153,9 +162,9 @@ def _points_apart(settings: Mapping, inspection: Inspection) -> int:
     return round(settings["step_s"] / inspection.data.grid.row_s) if "phases" in settings else 1
 
 
-def _cut(inspection: Inspection) -> tuple[dict, Measured, dict[str, int]]:
-    """Settings whose three sets have chunks, the data with these, and how many: as long as the data allow, between
-    trajectories where there are some."""
+def _cut(inspection: Inspection) -> tuple[dict, Measured, dict[str, np.ndarray]]:
+    """Settings whose three sets have chunks, the data with these, and the chunks (N, 2): as long as the data allow,
+    between trajectories where there are some, or where they are too short for a split by time."""
     settings, data = _plain(inspection.settings), inspection.data
     apart = _rows_apart(inspection)
     if apart > 1:
@@ -164,23 +173,41 @@ def _cut(inspection: Inspection) -> tuple[dict, Measured, dict[str, int]]:
     series = data.grid.series
     points = sorted(int(trajectory.usable.sum()) // apart for trajectory in series)
     most = FINEST if settings.get("uneven") == "own" else LONGEST
-    between = ({"by": "random", "pieces": "trajectories"}, points[len(points) // 10])
-    tries = [*([between] if len(series) >= FEWEST else []), ({"by": "time"}, points[-1] // PIECES)]
-    problem: InputError | None = None
+    by_time = ({"by": "time"}, int(np.clip(points[-1] // PIECES, SHORTEST, most)))
+    between = (BETWEEN, int(np.clip(points[len(points) // 10], SHORTEST, most)))
+    tries, enough = [by_time], LEAST
+    if len(series) >= FEWEST:
+        tries = [between, by_time]
+    elif len(series) == 2:
+        tries, enough = [by_time, (BETWEEN, int(np.clip(points[0] // 2, LEAST, most)))], SHORTEST
+    longest = problem = None
     for split, length in tries:
-        length = int(np.clip(length, SHORTEST, most))
-        while length >= 3:
-            own = {"length": length, "stride": max(1, length // 8), "evaluation_stride": max(1, length // 2)}
-            settings |= own | {"min_chunks": 1, "split": split}
-            cut = replace(data, settings=MeasurementSettings.from_mapping(settings))
-            try:
-                rows = chunks_of(cut)[0]
-            except InputError as error:
-                problem, length = error, length // 2 if length > 5 else length - 1
-                continue
-            return settings, cut, {name: len(of) for name, of in rows.items()}
+        cut = _longest(settings | {"split": split}, data, length)
+        if isinstance(cut, InputError):
+            problem = cut
+        elif longest is None or cut[0]["length"] > longest[0]["length"]:
+            longest = cut
+        if longest is not None and longest[0]["length"] >= enough:
+            break
+    if longest is None:
+        assert problem is not None
+        raise problem
+    return longest
+
+
+def _longest(settings: dict, data: Measured, length: int) -> tuple[dict, Measured, dict[str, np.ndarray]] | InputError:
+    """The same for the longest chunks up to a length that one way to split allows; what is wrong where none does."""
+    problem = None
+    while length >= LEAST:
+        own = {"length": length, "stride": max(1, length // 8), "evaluation_stride": max(1, length // 2)}
+        tried = settings | own | {"min_chunks": 1}
+        cut = replace(data, settings=MeasurementSettings.from_mapping(tried))
+        try:
+            return tried, cut, chunks_of(cut)[0]
+        except InputError as error:
+            problem, length = error, length // 2 if length > 5 else length - 1
     assert problem is not None
-    raise problem
+    return problem
 
 
 def _rows_apart(inspection: Inspection) -> int:
@@ -227,8 +254,8 @@ def _guessed(inspection: Inspection) -> list[float]:
     return [-size, size]
 
 
-def _told(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} {name}" for name, count in counts.items()) + " chunks"
+def _told(rows: Mapping[str, np.ndarray]) -> str:
+    return ", ".join(f"{len(of)} {name}" for name, of in rows.items()) + " chunks"
 
 
 class _OneLine(yaml.SafeDumper):

@@ -203,7 +203,9 @@ class SplitSettings(Settings):
         "file, column = as the names of the files or the values of a column say",
     )
     pieces: Literal["segments", "trajectories"] = key(
-        "segments", "for random and quantity: segments = pieces as long as a chunk; trajectories = whole trajectories"
+        "segments",
+        "for random and quantity: segments = pieces as long as a chunk; trajectories = whole trajectories, but for "
+        "random of two: one is for training, the other's halves for validation and test",
     )
     train_share: Share = key(0.6, "share of the pieces, or of each trajectory's points, in the training set")
     validation_share: Share = key(0.2, "the same for validation")

@@ -107,9 +107,14 @@ def label_at_random(
 ) -> list[np.ndarray]:
     """Split of each frame, per recording (n,): segments drawn by ``seed``; arguments as :func:`label_by_level`.
 
+    Of two recordings that are a piece each, one trains, and the other's halves validate and test.
+
     Raises:
-        InputError: fewer than three segments.
+        InputError: fewer than three segments, or one recording that is a piece.
     """
+    if sizes is None and len(measured) == 2:
+        trains = int(np.random.default_rng(seed).integers(2))
+        return [np.where(measured[k], 0, -1) if k == trains else _in_halves(measured[k]) for k in range(2)]
     numbers = _pieces(measured, sizes)
     counts = [int(number.max(initial=-1)) + 1 for number in numbers]
     total = sum(counts)
@@ -122,6 +127,13 @@ def label_at_random(
     drawn = ((place >= first).astype(np.int8) + (place >= first + second)).astype(np.int8)
     each = np.split(drawn, np.cumsum(counts)[:-1])
     return [_of_frames(number, of_each) for number, of_each in zip(numbers, each, strict=True)]
+
+
+def _in_halves(measured: np.ndarray) -> np.ndarray:
+    """Split of each frame, (n,), of a recording whose first half validates and whose second half tests."""
+    label, frames = np.full(len(measured), -1, dtype=np.int8), np.flatnonzero(measured)
+    label[frames] = np.where(np.arange(len(frames)) < len(frames) // 2, 1, 2)
+    return label
 
 
 def _pieces(measured: list[np.ndarray], sizes: list[int] | None) -> list[np.ndarray]:

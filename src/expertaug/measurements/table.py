@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,12 +29,27 @@ EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "–", "."}
 SEPARATORS = (",", ";", "\t", "|")
 LOOKED_AT = 1000  # lines, to find where a table begins
 ROWS_AT_ONCE = 2**16  # of a large text, that the parser holds beside what it found
+MANY_TEXTS = 2**16  # different ones, of which none is looked for among the others
 LARGE, HEAD = (
     2**20,
     2**16,
 )  # bytes of a text that is not read line by line, and of what is read of it to see its columns
 # Lines that are a comment or hold nothing, letters of an encoding, and what else than \n may end a line.
 _NOT_PLAIN = re.compile(rb"[\r\x0b\x0c\x1c-\x1e\0\x80-\xff]|^[ \t,;|]*(?:[#%]|$)", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """The different texts of a column, in order of appearance, and the place among them of each row's, (n,)."""
+
+    texts: list[str]
+    of_row: np.ndarray
+
+    def rows(self) -> dict[str, np.ndarray]:
+        """The rows of each text, in order."""
+        order = np.argsort(self.of_row, kind="stable")
+        ends = np.cumsum(np.bincount(self.of_row, minlength=len(self.texts)))[:-1]
+        return dict(zip(self.texts, np.split(order, ends), strict=True))
 
 
 @dataclass(frozen=True)
@@ -64,14 +80,21 @@ class Table:
         return len(self.line)
 
     def texts(self, name: str) -> np.ndarray:
-        """A column as texts (n,)."""
+        """A column as texts (n,); rows of one text share it."""
+        kinds = self.kinds(name)
+        return np.array(kinds.texts, dtype=object)[kinds.of_row]
+
+    def kinds(self, name: str) -> Kinds:
+        """The different texts of a column."""
         cells = self._column(name)
         numbers = cells if cells.dtype.kind == "f" else self._parsed(cells)
         if (numbers == np.rint(numbers)).all() and np.abs(numbers).max(initial=0) < 2**53:  # 3.0e+00 is 3
-            cells = numbers.astype(np.int64)
-        elif self.reread is not None:
+            return _whole_kinds(numbers.astype(np.int64))
+        if self.reread is not None:
             cells = self.reread(name)
-        return np.array([str(cell).strip() for cell in cells], dtype=object)
+        places: dict[str, int] = {}
+        of_row = np.fromiter((places.setdefault(str(cell).strip(), len(places)) for cell in cells), int, len(cells))
+        return Kinds(list(places), of_row)
 
     def numbers(self, name: str) -> np.ndarray:
         """A column as numbers (n,), NaN where a cell is empty.
@@ -109,7 +132,16 @@ class Table:
         """Numbers of texts (n,): NaN where a cell is empty, −inf where it is none."""
         texts = {mark.strip().lower() for mark in self.keys.missing or () if isinstance(mark, str)}
         decimal, thousands, empty = self.keys.decimal, self.keys.thousands, EMPTY | texts
-        return np.array([_number(cell, decimal, thousands, empty) for cell in cells])
+        parsed: dict[str, float] = {}
+        numbers = np.empty(len(cells))
+        for k, text in enumerate(map(str, cells)):
+            number = parsed.get(text)
+            if number is None:
+                number = _number(text, decimal, thousands, empty)
+                if len(parsed) < MANY_TEXTS:
+                    parsed[text] = number
+            numbers[k] = number
+        return numbers
 
     def mostly(self, name: str) -> np.ndarray | None:
         """The numbers of a column in which most cells that are not empty are some, (n,), else NaN; None of others."""
@@ -164,6 +196,17 @@ class Table:
             cells = self.cells[name] if self.reread is None else self.reread(name)
             problem = f"row {self.line[row]}, column {name}: '{cells[row]}' {why}"
             raise InputError(self.path, problem, remedy)
+
+
+def _whole_kinds(numbers: np.ndarray) -> Kinds:
+    """Of whole numbers (n,), which often stay the same for many rows."""
+    begins = np.flatnonzero(np.diff(numbers, prepend=numbers[:1] - 1))
+    values, first, place = np.unique(numbers[begins], return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    of_value = np.empty(len(values), dtype=int)
+    of_value[order] = np.arange(len(values))
+    of_row = np.repeat(of_value[place], np.diff(begins, append=len(numbers)))
+    return Kinds([str(value) for value in values[order]], of_row)
 
 
 def _number(
@@ -320,17 +363,23 @@ def _read_large(path: Path, keys: TableKeys) -> Table | None:
     if _cells(data, begin, end, separator) != rows * len(first.names):
         return None
     empty = [form for text in EMPTY for form in {text, text.upper(), text.capitalize()} if form.isascii()]
-    parsed: dict[int, np.ndarray] = {k: np.empty(rows) for k in range(len(first.names))}  # of the columns of numbers
+    places, shared = range(len(first.names)), dict[str, str]()
+    of_words = [bool(np.isneginf(first._parsed(cells)).any()) for cells in first.cells.values()]
+    worded = {k: np.empty(rows, dtype=object) for k in places if of_words[k]}
+    parsed = {k: np.empty(rows) for k in places if not of_words[k]}
+    kinds = {"na_values": {k: [*empty, "NaN"] for k in parsed}, "dtype": dict.fromkeys(worded, object)}
     read_rows = 0
     try:
         stream = io.BytesIO(data)  # of the same bytes, not of a copy
         stream.seek(begin)
-        names = range(len(first.names))
-        for part in pd.read_csv(stream, names=names, na_values=[*empty, "NaN"], chunksize=ROWS_AT_ONCE, **options):
+        for part in pd.read_csv(stream, names=places, chunksize=ROWS_AT_ONCE, **kinds, **options):
+            here = slice(read_rows, read_rows + len(part))
             for k in [k for k in parsed if part[k].dtype.kind not in "iuf"]:
                 del parsed[k]
             for k, column in parsed.items():
-                column[read_rows : read_rows + len(part)] = part[k]
+                column[here] = part[k]
+            for k, column in worded.items():
+                column[here] = _shared(part[k], shared)
             read_rows += len(part)
     except (ValueError, OverflowError):  # cells too many, or numbers too large
         return None
@@ -341,20 +390,35 @@ def _read_large(path: Path, keys: TableKeys) -> Table | None:
     skipped = int(first.line[0]) - 1
 
     def texts(name: str) -> np.ndarray:
-        place = first.names.index(name)
-        of_one = {"usecols": [place], "dtype": str, "na_filter": False, "skiprows": skipped}
-        read = pd.read_csv(path, names=range(len(first.names)), **options | of_one)
-        return read[place].str.strip().to_numpy(dtype=object)
+        k = first.names.index(name)
+        of_one = {"usecols": [k], "dtype": object, "na_filter": False, "skiprows": skipped, "chunksize": ROWS_AT_ONCE}
+        parts = pd.read_csv(path, names=places, **options | of_one)
+        return np.concatenate([_shared(part[k], shared) for part in parts])
 
     cells = {}
     for k, name in enumerate(first.names):
         if k not in parsed:
-            cells[name] = texts(name)
+            cells[name] = worded.pop(k) if k in worded else texts(name)
             continue
         cells[name] = parsed.pop(k)
         if max(np.nanmax(cells[name], initial=0.0), -np.nanmin(cells[name], initial=0.0)) > min(LARGEST, 2.0**53):
             return None
     return Table(path, cells, first.line[0] + np.arange(rows), first.units, keys, texts)
+
+
+def _shared(column: Any, shared: dict[str, str]) -> np.ndarray:
+    """A column (n,) of texts without blanks around them, of which those that come again are one object.
+
+    Arguments:
+        column: pandas' Series.
+        shared: the texts before these, to which new ones are added.
+    """
+    import pandas as pd
+
+    place, texts = pd.factorize(column.to_numpy(dtype=object))
+    for k, text in enumerate(map(str.strip, texts)):
+        texts[k] = shared.setdefault(text, text) if len(shared) < MANY_TEXTS else shared.get(text, text)
+    return texts[place]
 
 
 def _cells(data: bytes, begin: int, end: int, separator: str) -> int:

@@ -121,12 +121,12 @@ def check_one_row_a_time(table: Table, t: np.ndarray, used: Iterable[str]) -> No
         InputError: such a column is there; it is named.
     """
     rows = np.flatnonzero(np.isfinite(t))
-    times, counts = np.unique(t[rows], return_counts=True)
+    times, moment, counts = np.unique(t[rows], return_inverse=True, return_counts=True)
     taken = set(used)
     for name in (n for n in table.names if n not in taken and not OF_TIME.search(n)):
-        texts = table.texts(name)[rows]
-        kinds = len(set(texts.tolist()))
-        pairs = len(set(zip(t[rows].tolist(), texts.tolist(), strict=True)))
+        kind = table.kinds(name).of_row[rows]
+        kinds = len(np.unique(kind))
+        pairs = len(np.unique(moment * len(table) + kind))
         if 1 < kinds <= min(KINDS, len(times)) and pairs == len(rows) and counts.max() > 1:
             problem = f"column '{name}' tells up to {counts.max()} rows of one time apart"
             remedy = (

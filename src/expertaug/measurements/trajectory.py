@@ -172,8 +172,7 @@ def _of_table(table: Table, stem: str, settings: MeasurementSettings, names: Nam
     if settings.trajectory is None:
         parts = {stem: np.arange(len(table))}
     else:
-        ids = table.texts(settings.trajectory)
-        parts = {f"{stem}/{identity}": np.flatnonzero(ids == identity) for identity in dict.fromkeys(ids)}
+        parts = {f"{stem}/{text}": rows for text, rows in table.kinds(settings.trajectory).rows().items()}
     each = []
     for name, index in parts.items():
         kept, repeated, of = _in_order(table, t, np.column_stack((y, u)) if u.shape[1] else y, index, settings)

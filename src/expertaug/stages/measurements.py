@@ -32,7 +32,7 @@ class CutMeasurements(Stage):
         from expertaug import systems
         from expertaug.measurements.stage import cut_measurements
 
-        cut_measurements(a.files, a.output, job.files, systems.names(systems.load(job.system)))
+        cut_measurements(a.files, a.output, job.files, systems.outline(job.system).names)
 
 
 class CutMeasuredHorizon(Stage):
@@ -54,4 +54,4 @@ class CutMeasuredHorizon(Stage):
         from expertaug import systems
         from expertaug.measurements.horizons import cut_measured_horizon
 
-        cut_measured_horizon(a.files, a.output, job.files, job.set, systems.names(systems.load(job.system)))
+        cut_measured_horizon(a.files, a.output, job.files, job.set, systems.outline(job.system).names)

@@ -6,6 +6,7 @@ import dataclasses
 import importlib
 import inspect
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from expertaug import registry
@@ -17,7 +18,7 @@ from expertaug.wording import show, suggest
 if TYPE_CHECKING:
     from expertaug.systems.base import Parameter, System
 
-__all__ = ["Parameter", "System", "describe", "load", "names", "rates"]
+__all__ = ["Outline", "Parameter", "System", "describe", "load", "names", "outline", "rates"]
 
 PROBES = 16  # states at which the expert's rates are compared with the states themselves
 
@@ -104,6 +105,58 @@ def names(system: System) -> Names:
     constant = frozenset(p.name for p in system.covariates)
     held = bool(system.inputs) and system.interpolation != "linear"
     return Names(state, parameters, inputs, constant, held, rates(system))
+
+
+@dataclass(frozen=True)
+class Outline:
+    """What tables of measurements need to know of a system.
+
+    Attributes:
+        names: of its components, parameters and known inputs.
+        priors: a first guess of the range of each expert parameter.
+        constants: names of those that are constants of an apparatus.
+    """
+
+    names: Names
+    priors: Mapping[str, tuple[float, float]]
+    constants: tuple[str, ...]
+
+
+def outline(settings: Mapping[str, Any]) -> Outline:
+    """Of the system that ``settings`` describe, as :func:`load` takes them; of the package's own without loading torch,
+    which takes more time and memory than a table of a million rows.
+
+    Raises:
+        InputError: as :func:`load` and :func:`names`.
+    """
+    own = _of_choices(settings)
+    if own is None or own.TABLES is None:
+        system = load(settings)
+        priors = {p.name: _range(p.scale, p.positive) for p in system.expert_parameters}
+        return Outline(names(system), priors, tuple(constants(system)))
+    tables, units = own.TABLES, {**own.TABLES.units, **own.UNITS}
+    state, parameters, inputs = (
+        {name: units.get(name, "") for name in part} for part in (own.STATE, own.expert_names, own.inputs)
+    )
+    priors = {name: _range(tables.scales.get(name, 1.0)) for name in own.expert_names}
+    of_own = Names(state, parameters, inputs, rates=tables.rates)
+    return Outline(of_own, priors, own.expert_names if tables.constants else ())
+
+
+def _of_choices(settings: Mapping[str, Any]) -> SystemSettings | None:
+    """Settings of one of the package's systems; None of others, and where its class may refuse an argument."""
+    name = settings.get("name")
+    if not isinstance(name, str) or name not in SYSTEMS or any(isinstance(v, list | dict) for v in settings.values()):
+        return None
+    try:
+        return SYSTEMS[name].from_mapping(settings)
+    except InputError:
+        return None
+
+
+def _range(scale: float, positive: bool = True) -> tuple[float, float]:
+    """A first guess of the range of a parameter of that size."""
+    return (0.3 if positive else -3.0) * scale, 3.0 * scale
 
 
 def rates(system: System) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, field_validator
@@ -52,6 +53,23 @@ class SolverSettings(Settings):
     substeps: int = key(1, "number of steps of a fixed-grid method between consecutive data times", ge=1, le=10_000)
 
 
+@dataclass(frozen=True)
+class InTables:
+    """What tables of measurements need to know of a system beside its names, for torch not to be loaded for it.
+
+    Attributes:
+        units: of the state's components and the known inputs that have one.
+        rates: component → the component whose rate of change it is.
+        scales: typical sizes of the expert parameters that are not about one; all of them are positive.
+        constants: whether these are constants of an apparatus, and do not say how a forecast starts.
+    """
+
+    units: Mapping[str, str] = field(default_factory=dict)
+    rates: Mapping[str, str] = field(default_factory=dict)
+    scales: Mapping[str, float] = field(default_factory=dict)
+    constants: bool = True
+
+
 class SystemSettings(Settings):
     """Arguments of a system's class; a class of it that says its ``name`` is in :data:`SYSTEMS`.
 
@@ -63,6 +81,7 @@ class SystemSettings(Settings):
         STARTS: names of those of z_e that say how a forecast starts, and are no constants of an apparatus.
         FIELDS: whether its state is fields on a grid.
         EVENTS: whether it has events.
+        TABLES: what tables of it need to know; None: its class is asked.
     """
 
     WHERE: ClassVar[str] = "system"
@@ -74,6 +93,7 @@ class SystemSettings(Settings):
     SIMULATED: ClassVar[bool] = True
     FIELDS: ClassVar[bool] = False
     EVENTS: ClassVar[bool] = False
+    TABLES: ClassVar[InTables | None] = None
 
     name: str
 
@@ -120,6 +140,7 @@ class PendulumSettings(SystemSettings):
     EXPERT = ("omega0",)
     INTERACTION = ("alpha",)
     UNITS: ClassVar[dict[str, str]] = {"omega0": "rad/s", "alpha": "1/s"}
+    TABLES = InTables({"theta": "rad", "omega": "rad/s"}, {"omega": "theta"})
 
     name: Literal["pendulum"] = key("pendulum", "the damped pendulum")
     friction: Literal["estimated"] | None = key(
@@ -150,6 +171,7 @@ class DrivenPendulumSettings(SystemSettings):
     INTERACTION = ("gamma",)
     DRAWN: ClassVar[tuple[str, ...]] = ("A", "f")
     UNITS: ClassVar[dict[str, str]] = {"omega0": "rad/s", "gamma": "1/s", "f": "Hz"}
+    TABLES = InTables({"theta": "rad", "omega": "rad/s"}, {"omega": "theta"})
 
     name: Literal["driven_pendulum"] = key("driven_pendulum", "the driven, damped pendulum")
     torque: Literal["known", "hidden"] = key(
@@ -176,6 +198,7 @@ class LorenzSettings(SystemSettings):
     STATE = ("x", "y", "z")
     EXPERT = ("sigma", "beta")
     INTERACTION = ("rho",)
+    TABLES = InTables(scales={"sigma": 10.0, "beta": 3.0})
 
     name: Literal["lorenz"] = key("lorenz", "Lorenz's system of convection")
 
@@ -187,6 +210,7 @@ class LotkaVolterraSettings(SystemSettings):
     EXPERT = ("a", "c")
     INTERACTION = ("b", "d")
     UNITS: ClassVar[dict[str, str]] = {"a": "1/s", "b": "1/s", "c": "1/s", "d": "1/s"}
+    TABLES = InTables()
 
     name: Literal["lotka_volterra"] = key("lotka_volterra", "predators and prey")
 
@@ -199,6 +223,7 @@ class BouncingBallSettings(SystemSettings):
     INTERACTION = ("k",)
     UNITS: ClassVar[dict[str, str]] = {"g": "m/s²", "k": "1/s"}
     EVENTS = True
+    TABLES = InTables({"h": "m", "v": "m/s"}, {"v": "h"}, {"g": 10.0, "e": 0.8}, constants=False)
 
     name: Literal["bouncing_ball"] = key("bouncing_ball", "a ball that bounces on the ground")
     rest_m_s: float = key(0.05, "a ball that leaves the ground more slowly than this stays there", "m/s", ge=0)
@@ -218,6 +243,7 @@ class RLCSettings(SystemSettings):
     EXPERT = ("L", "C")
     INTERACTION = ("R",)
     UNITS: ClassVar[dict[str, str]] = {"L": "H", "C": "F", "R": "ohm"}
+    TABLES = InTables({"U": "V", "I": "A", "V": "V"}, scales={"L": 2.0})
 
     name: Literal["rlc"] = key("rlc", "the RLC circuit")
     equations: Literal["kirchhoff", "additive", "code"] = key(
