@@ -23,6 +23,7 @@ LEAST = 0.003  # of both arms' length, below which a misfit does no harm
 EXPLAINED = 0.25  # of a misfit that separate shifts leave at most
 APART, A_FRAME = 0.2, 0.15  # least difference of the shifts, and by how much a shift may be off a whole frame
 OFF, FITS = 6.0, 0.1  # noises by which an arm's length is off, and share of that by which the one across frames may be
+MOSTLY = 0.5  # share of the frames of a stretch that the tracker doubts, from which on these are torn
 PASSES = 8
 FEWEST = 12  # frames
 
@@ -46,7 +47,12 @@ def find_torn(t: np.ndarray, place: np.ndarray, usable: np.ndarray, judged: np.n
         if not len(new):
             break
         torn[new] = True
-    return torn | (_across(arms, usable) & judged)
+    torn |= _across(arms, usable) & judged
+    # What another thing was taken for a marker in goes on for a while; of such frames few look torn by chance.
+    doubted = judged & ~usable
+    run = np.cumsum(np.diff(doubted, prepend=False))
+    share = np.bincount(run, torn) / np.maximum(np.bincount(run), 1)
+    return torn & (usable | (share[run] >= MOSTLY))
 
 
 @dataclass(frozen=True)

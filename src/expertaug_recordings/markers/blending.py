@@ -18,6 +18,7 @@ EVEN = 0.58  # strength from which on it is not certain which image was followed
 SMEARED, BEYOND = 0.15, 2.0  # steps by which a long exposure lengthens the disk, and px at its rim that are neither
 REACH = 0.7  # radii beyond the next place to which the way is followed
 ACROSS = np.array([-0.3, -0.15, 0.0, 0.15, 0.3])  # radii to the side of the way
+FREE = 2.5  # radii about the way in which there must be no other marker
 STRIDE, CORE = 1.0, 0.3  # px along it from sample to sample, and radii of the disk's inside
 ALIKE = 0.8  # cosine between the change of colour and the disk's own contrast
 LEAST = 20.0  # grey levels of that contrast
@@ -69,10 +70,18 @@ def _strength(
     """
     seen = []
     for marker, enough in zip((1, 2), far, strict=True):
-        others = position[[0, 2], marker][enough]
-        if len(others):
-            seen.append(max(_beside(frame, still, position[1, marker], other, radius) for other in others))
-    return min(seen)
+        place, near = position[1, marker], np.delete(position[1], marker, axis=0)
+        ways = [other for other in position[[0, 2], marker][enough] if _is_free(place, other, near, radius)]
+        if ways:
+            seen.append(max(_beside(frame, still, place, other, radius) for other in ways))
+    return min(seen, default=0.0)
+
+
+def _is_free(place: np.ndarray, other: np.ndarray, near: np.ndarray, radius: float) -> bool:
+    """Whether no other marker (m, 2) is on the way from a place (2,) to another one and a radius beyond."""
+    way = (other - place) * (1 + radius / np.linalg.norm(other - place))
+    part = np.clip((near - place) @ way / (way @ way), 0, 1)
+    return not bool((np.linalg.norm(place + part[:, None] * way - near, axis=1) < FREE * radius).any())
 
 
 def _beside(
