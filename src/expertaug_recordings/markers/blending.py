@@ -51,8 +51,8 @@ def find_blended(frames: Sequence[np.ndarray], position: np.ndarray, diameter: f
     def strong(k: int) -> bool:
         return _strength(frames[k], still, position[k - 1 : k + 2], far[k], radius) > EVEN
 
-    if np.mean([strong(k) for k in some]) >= FEW:
-        blended[moving] = [strong(k) for k in moving]
+    if np.mean([strong(k) for k in some.tolist()]) >= FEW:
+        blended[moving] = [strong(k) for k in moving.tolist()]
     return blended
 
 
