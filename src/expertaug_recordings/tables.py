@@ -12,6 +12,7 @@ from expertaug.errors import InputError
 
 PLACES = ("pivot_x", "pivot_y", "joint_x", "joint_y", "tip_x", "tip_y")  # columns of markers.csv: px, x right, y down
 MARKERS = ("frame", "t", *PLACES, "quality", "reason")  # all of them
+BLENDED = "blended"  # reason of a frame in which a moving marker is seen twice
 LARGEST = 1e12  # of any number: its powers must not overflow
 ALWAYS_KNOWN = ("frame", "t", "quality")  # columns in which no cell may be empty
 

@@ -22,6 +22,7 @@ LEAST, LARGEST = 0.2, 6.0  # ratios of the source's rate to the file's
 PHASES = 30  # at most
 ROWS = 1200  # of the liveliest stretch, which tell enough
 BETTER = 0.5  # of the misfit at even times that the pattern may leave at most
+WIDE = 12  # intervals between the first and the last of five frames that tell
 LIVELY = np.deg2rad(0.3)  # misfit at even times, below which there is nothing to find
 ENOUGH = 30  # frames of the source
 
@@ -48,8 +49,9 @@ def find_conversion(theta: np.ndarray, rate_hz: float) -> Conversion | None:
         theta: angles (n, k) in rad; NaN where they are not known.
         rate_hz: the file's frames per second.
     """
-    rows = _liveliest(theta)
-    part, number = theta[rows], np.arange(len(theta))[rows]
+    number = np.arange(len(theta))[_liveliest(theta)]
+    number = number[np.isfinite(theta[number]).all(1)]
+    part = theta[number]
     even = _misfit(part, number.astype(float))
     if not even > LIVELY:
         return None
@@ -113,5 +115,5 @@ def _misfit(theta: np.ndarray, t: np.ndarray) -> float:
     around = np.stack([-step[:-3] - step[1:-2], -step[1:-2], step[2:-1], step[2:-1] + step[3:]], axis=1)
     rows = np.arange(len(theta) - 4)[:, None] + np.array([0, 1, 3, 4])
     off = np.einsum("nm,nmk->nk", lagrange(t[rows], t[2:-2]), around)
-    far = np.linalg.norm(off, axis=1)
+    far = np.linalg.norm(off, axis=1)[t[4:] - t[:-4] < WIDE * np.median(np.diff(t))]
     return float(np.nanmean(far)) if np.isfinite(far).any() else 0.0

@@ -9,6 +9,7 @@ import numpy as np
 STILL = 0.1  # of the motion between the neighbours, below which a frame repeats the one before
 MOVING = np.deg2rad(1.0)  # per frame: slower motion does not tell
 HALF, ORDER = 3, 3  # frames on either side of a jump, and order of the polynomial through them
+EARLY = 0.5  # of the one's misfit that the other of two like frames has at most where the first is of a later time
 MISSING = (2.0, 3.0, 4.0)  # steps that a jump may take
 STRANGE, NOISE = 6.0, np.deg2rad(0.3)  # a jump's misfit, in medians of all, and at least
 BETTER, STILL_BETTER = (
@@ -23,9 +24,10 @@ def turns(theta: np.ndarray) -> np.ndarray:
 
 
 def find_repeated(theta: np.ndarray) -> np.ndarray:
-    """Frames (n,) that show what the one before showed, while the motion goes on round them.
+    """Frames (n,) that show what the one before showed, or what the next will, while the motion goes on round them.
 
-    At a turning point the neighbours' motions cancel: there nothing is said.
+    Of two that show the same it is the one that is further off the frames around both.  At a turning point the
+    neighbours' motions cancel: there nothing is said.
 
     Arguments:
         theta: angles (n, k) in rad; NaN where they are not known.
@@ -37,7 +39,23 @@ def find_repeated(theta: np.ndarray) -> np.ndarray:
     expected = np.linalg.norm(step[:-2] + step[2:], axis=1) / 2
     with np.errstate(invalid="ignore"):
         repeated[2:-1] = (expected > MOVING) & (np.linalg.norm(step[1:-1], axis=1) < STILL * expected)
+    late = np.flatnonzero(repeated)
+    late = late[(late >= 3) & (late < len(theta) - 2)]
+    first, second = (_off_around(theta, late, shown) for shown in (late - 1, late))
+    early = late[second < EARLY * first]
+    repeated[early] = False
+    repeated[early - 1] = True
     return repeated
+
+
+def _off_around(theta: np.ndarray, late: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """Distances (m,) in rad of the angles of the frames ``shown`` (m,) from the cubics through those round the frames
+    ``late`` (m,) and the ones before them."""
+    rows = late[:, None] + np.array([-3, -2, 1, 2])
+    first = theta[rows[:, :1]]
+    turned = np.concatenate((np.zeros_like(first), _cumulative(theta[rows])), axis=1)
+    between = first[:, 0] + np.einsum("nm,nmk->nk", lagrange(rows.astype(float), shown.astype(float)), turned)
+    return np.linalg.norm(np.angle(np.exp(1j * (theta[shown] - between))), axis=1)
 
 
 def find_dropped(theta: np.ndarray, t: np.ndarray) -> np.ndarray:

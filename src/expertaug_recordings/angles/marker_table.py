@@ -11,13 +11,22 @@ import numpy as np
 from expertaug.errors import InputError
 from expertaug_recordings.angles.conversion import Conversion, find_conversion
 from expertaug_recordings.angles.even_times import find_dropped, find_repeated, resample
+from expertaug_recordings.angles.mixtures import late_by, whole_half
+from expertaug_recordings.angles.tearing import find_torn
 from expertaug_recordings.corrections import Correction, correct
-from expertaug_recordings.tables import MARKERS, PLACES, read_table
+from expertaug_recordings.tables import BLENDED, MARKERS, PLACES, read_table
 
 FEWEST = 10  # frames of a recording
 EVEN = 0.01  # of an interval by which intervals may differ
 MANY_REPEATED = 0.01  # of the frames
-REPEATED, DROPPED, DISMISSED = "repeated", "dropped", "dismissed"  # reasons
+# Of frames torn at any row one in seven shows; in the others both markers are on one side, and show what the frame
+# before or after shows.  Two such in a row vouch for each other: where a tenth of all frames are torn, in one of 100.
+MOST_TORN, TEARING, MOST_OFF = 0.05, 0.01, 0.08  # shares: torn ones; torn ones, where torn and repeated ones are more
+# Converters that do not double the rate make two fifths of their frames of nearly equal parts of two at most.
+MOST_BLENDED = 0.45  # of the frames, above which all are mixtures
+TEARABLE = ("", "arm_length", "residual")  # reasons of frames that may be torn
+REPEATED, DROPPED, DISMISSED, TORN = "repeated", "dropped", "dismissed", "torn"  # reasons
+UNTEAR = "take the camera's own file, or capture with vertical sync"
 
 
 @dataclass(frozen=True)
@@ -26,6 +35,9 @@ class Timing:
 
     Attributes:
         repeated, dropped: frames that show what the one before shows, and that are missing although times are even.
+        torn: frames whose joint and tip are of different times.
+        blended: frames that are mixtures of two.
+        blended_used: whether these are used, since most of the frames are.
         uneven_ms: by how much the times were off even ones at most; 0 where they were even.
         frames_hz: frames per second where the places were resampled; None where each is a frame's own.
         error_deg: median and 99th percentile of the errors of the angles by that, estimated.
@@ -35,19 +47,42 @@ class Timing:
 
     repeated: int = 0
     dropped: int = 0
+    torn: int = 0
+    blended: int = 0
+    blended_used: bool = False
     uneven_ms: float = 0.0
     frames_hz: float | None = None
     error_deg: tuple[float, float] | None = None
     converted_from_hz: float | None = None
 
+    def mostly_torn(self, frames: int) -> bool:
+        """Whether of so many frames that many are torn that the others are not to be trusted."""
+        off = 0 if self.converted_from_hz is not None else self.torn + self.repeated
+        return self.torn > MOST_TORN * frames or (self.torn > TEARING * frames and off > MOST_OFF * frames)
+
     def doubts(self, frames: int) -> list[str]:
         """What the times make doubtful, in plain words."""
         doubts = []
+        if self.torn:
+            doubts.append(
+                f"{self.torn} of {frames} frames are torn, their upper part of another time than their lower one, and"
+                f" were left out: {UNTEAR}"
+            )
+        if self.blended:
+            what = f"{self.blended} of {frames} frames are mixtures of two, as converters of frame rates make them,"
+            doubts.append(
+                f"{what} and others are fainter ones: they were used, at times that are off by up to a frame; use the"
+                " original video"
+                if self.blended_used
+                else f"{what} and were left out: use the original video"
+            )
         if self.converted_from_hz is not None:
             how = f"{self.repeated} frames repeat the one before" if self.repeated else "frames are missing"
+            how = "frames are mixed" if self.blended else how
             return [
+                *doubts,
                 f"{how}: the motion is that of {self.converted_from_hz:.5g} frames/s brought to another rate; true"
-                " times were put back, but the original video is better"
+                " times were put back, but the original video is better",
             ]
         if self.repeated > MANY_REPEATED * frames:
             doubts.append(
@@ -114,7 +149,7 @@ def read_markers(
 
     Raises:
         InputError: the file is missing or no such table (:func:`expertaug_recordings.tables.read_table`), has too few
-            frames or times that do not grow.
+            frames, times that do not grow or many torn frames.
     """
     table = read_table(path, MARKERS[:-1], MARKERS[-1:], "track_markers")
     if len(table) < FEWEST:
@@ -139,7 +174,12 @@ def read_markers(
     quality[lost], reason[lost] = 0.0, np.where(dismissed[lost], DISMISSED, "lost")
     pivot, joint, tip = place.swapaxes(0, 1)
     rows = np.arange(len(t))
-    return on_time(MarkerTable(frame, t, own, pivot, joint, tip, quality, reason, rows, whole), even, rate_hz)
+    made = on_time(MarkerTable(frame, t, own, pivot, joint, tip, quality, reason, rows, whole), even, rate_hz)
+    if made.timing.mostly_torn(len(t)):
+        share = f"{made.timing.torn} of {len(t)} frames are torn"
+        problem = f"{share}: their upper part is of another time than their lower one"
+        raise InputError(path, problem, UNTEAR)
+    return made
 
 
 def with_twin(place: np.ndarray) -> np.ndarray:
@@ -161,20 +201,41 @@ def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable
     good = np.isfinite(place).all((1, 2)) & (quality > 0) & (reason == "")
     if not good.any():
         return seen
+    blended = reason == BLENDED
+    half = whole_half(blended) if even else None
+    if half is not None:
+        made = on_time(_rows(replace(seen, rate_hz=seen.rate_hz / 2), np.arange(half, len(t), 2)), even, rate_hz)
+        source_hz = made.timing.converted_from_hz or seen.rate_hz / 2
+        return replace(made, timing=replace(made.timing, blended=int(blended.sum()), converted_from_hz=source_hz))
+    most = bool(blended.mean() > MOST_BLENDED)
+    if most:
+        reason[blended & (quality > 0)] = ""
+        good |= np.isfinite(place).all((1, 2)) & blended & (quality > 0)
+    torn = find_torn(t, place, good, ~seen.corrected & np.isin(reason, TEARABLE))
+    if blended.any():  # then it is another image of one marker than of the other
+        blended, torn = blended | torn, np.zeros_like(torn)
+    reason[torn], quality[torn] = TORN, 0.0
+    good &= ~torn
+    if not most:
+        reason[blended], quality[blended] = BLENDED, 0.0
+        good &= ~blended
     # About the pivot's median: a single frame in which another thing is taken for it must not look like motion.
     vector = np.stack((place[:, 1] - np.median(place[good, 0], axis=0), place[:, 2] - place[:, 1]), axis=1)
     theta = np.where(good[:, None], np.arctan2(vector[..., 0], vector[..., 1]), np.nan)
+    timing = Timing(torn=int(torn.sum()), blended=int(blended.sum()), blended_used=most)
     converted = find_conversion(theta, seen.rate_hz) if even else None
+    if blended.any():
+        seen = replace(seen, interpolation=late_by(theta, converted is not None))
     if converted is not None:
-        return _undo(seen, converted, good, rate_hz)
+        return _undo(seen, converted, good, rate_hz, timing)
     repeated = find_repeated(theta)
     reason[repeated], quality[repeated] = REPEATED, 0.0
     good &= ~repeated
     rows, missing = np.flatnonzero(good), np.zeros(len(t), dtype=int)
-    if even:
+    if even and not torn.mean() > TEARING:  # where many are torn, a jump is that of a frame of another time
         missing[rows] = find_dropped(theta[rows], t[rows] * seen.rate_hz)
         t = t + np.cumsum(missing) / seen.rate_hz
-    timing = Timing(int(repeated.sum()), int(missing.sum()))
+    timing = replace(timing, repeated=int(repeated.sum()), dropped=int(missing.sum()))
     wanted = seen.rate_hz if rate_hz is None else rate_hz
     if even and not missing.any() and abs(seen.rate_hz / wanted - 1) < 1e-3:
         return replace(seen, timing=timing)
@@ -182,17 +243,32 @@ def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable
     return _resampled(seen, t, good, wanted, timing)
 
 
-def _undo(seen: MarkerTable, converted: Conversion, good: np.ndarray, rate_hz: float | None) -> MarkerTable:
+def _undo(
+    seen: MarkerTable, converted: Conversion, good: np.ndarray, rate_hz: float | None, timing: Timing
+) -> MarkerTable:
     """The frames of a converted recording that show something new, at their true times, and evenly between them."""
-    source_hz, rows = converted.source_hz, np.flatnonzero(~converted.repeated)
-    each = ("frame", "t", "pivot", "joint", "tip", "quality", "reason", "source", "corrected")
-    new = replace(seen, **{name: getattr(seen, name)[rows] for name in each})
+    source_hz = converted.source_hz
+    shown = np.cumsum(~converted.repeated)
+    order = np.lexsort((~good, shown))  # of those that show the same one that is good first
+    rows = order[np.unique(shown[order], return_index=True)[1]]
+    new = _rows(seen, rows)
     t = seen.t[0] + converted.t[rows]
-    timing = Timing(
-        int(converted.repeated.sum()), 0, _off_even_ms(t), 1 / float(np.median(np.diff(t))), None, source_hz
+    timing = replace(
+        timing,
+        repeated=int(converted.repeated.sum()),
+        uneven_ms=_off_even_ms(t),
+        frames_hz=1 / float(np.median(np.diff(t))),
+        converted_from_hz=source_hz,
     )
     wanted = rate_hz or min(source_hz, seen.rate_hz)
     return _resampled(new, t, good[rows], wanted, timing)
+
+
+def _rows(seen: MarkerTable, rows: np.ndarray) -> MarkerTable:
+    """Some of the frames."""
+    each = ("frame", "t", "pivot", "joint", "tip", "quality", "reason", "source", "corrected")
+    error = None if seen.interpolation is None else seen.interpolation[rows]
+    return replace(seen, **{name: getattr(seen, name)[rows] for name in each}, interpolation=error)
 
 
 def _resampled(seen: MarkerTable, t: np.ndarray, good: np.ndarray, wanted: float, timing: Timing) -> MarkerTable:
@@ -207,6 +283,7 @@ def _resampled(seen: MarkerTable, t: np.ndarray, good: np.ndarray, wanted: float
     number = np.arange(len(made.t))
     by_hand = seen.corrected[made.source] & made.kept
     source, off = seen.source[made.source], made.error
+    off = off if seen.interpolation is None else np.hypot(off, seen.interpolation[made.source])
     return MarkerTable(number, made.t, wanted, pivot, joint, tip, level, why, source, by_hand, timing, off)
 
 

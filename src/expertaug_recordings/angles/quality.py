@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 
 from expertaug_recordings.angles.even_times import turns
-from expertaug_recordings.angles.marker_table import DISMISSED, DROPPED, REPEATED, MarkerTable
+from expertaug_recordings.angles.marker_table import DISMISSED, DROPPED, REPEATED, TORN, UNTEAR, MarkerTable
 from expertaug_recordings.angles.smoothing import Motion
+from expertaug_recordings.tables import BLENDED
 
 MEASURED, INTERPOLATED, UNUSABLE = 1.0, 0.5, 0.0  # qualities of a frame's angles
 NO_PIVOT = "pivot_interpolated"  # reason of a measured frame whose pivot comes from its neighbours
@@ -63,6 +64,8 @@ def gap_lengths(present: np.ndarray) -> list[int]:
 MUCH = np.deg2rad(60.0)  # turn from frame to frame in the median, above which frames are too few to follow
 WORDS = {  # reason → what it is of so many frames, and what helps
     REPEATED: ("repeat the one before", "use the video as it was before its frame rate was converted"),
+    TORN: ("are torn", UNTEAR),
+    BLENDED: ("are mixtures of two", "use the video as it was before its frame rate was converted"),
     DROPPED: ("are missing", ""),
     DISMISSED: ("are dismissed by hand", "look at recordings.corrections"),
     "short_stretch": ("lie in stretches too short between these", ""),
@@ -108,9 +111,11 @@ def too_few(
     if lost > sum(own.values()):
         return ", ".join(named), "check the tracking"
     helps = [WORDS[name][1] for name in own if WORDS[name][1]]
-    if DROPPED in own or ("short_stretch" in own and REPEATED not in own):
+    if BLENDED in own:
+        helps.insert(0, WORDS[BLENDED][1])
+    elif DROPPED in own or ("short_stretch" in own and REPEATED not in own):
         fastest = 1.5 * float(np.quantile(step, 0.99) * rate) if len(step) else np.inf
-        gaps = gap_lengths(~np.isin(reason, (DROPPED, REPEATED, "lost")))
+        gaps = gap_lengths(~np.isin(reason, (DROPPED, REPEATED, TORN, BLENDED, "lost")))
         if gaps and np.median(gaps) <= min(longest_gap, np.ceil(np.pi * rate / fastest) - 2):
             helps.insert(0, f"set recordings.angles.max_speed to {np.ceil(fastest):.0f}, so that gaps are filled")
         else:

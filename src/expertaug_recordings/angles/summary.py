@@ -22,6 +22,9 @@ class TimingSummary(BaseModel):
 
     repeated: Count = 0
     dropped: Count = 0
+    torn: Count = 0
+    blended: Count = 0
+    blended_used: bool = False
     uneven_ms: float = 0.0
     frames_hz: Positive | None = None
     error_deg: tuple[float, float] | None = None

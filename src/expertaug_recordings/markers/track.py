@@ -14,10 +14,11 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
+from expertaug_recordings.markers.blending import find_blended
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry, measure_diameter
 from expertaug_recordings.markers.tracker import UNUSABLE, Track, track_frames
 from expertaug_recordings.settings import TrackMarkersJob
-from expertaug_recordings.tables import MARKERS
+from expertaug_recordings.tables import BLENDED, MARKERS
 from expertaug_recordings.video.frame_store import FrameStore
 from expertaug_recordings.video.pixel_layout import KeptFrame
 
@@ -63,6 +64,7 @@ def _corners(mask: Polygon) -> np.ndarray:
     return np.rint(points * 2**FRACTION).astype(np.int32)
 
 
+MAY_BE_BLENDED = ("", "edge", "residual")  # reasons that this one takes the place of
 DIAMETER_FRAMES = 12  # on which an unknown diameter is measured
 
 
@@ -101,8 +103,16 @@ def track_markers(store: FrameStore, job: TrackMarkersJob) -> Track:
     frames = MaskedFrames(store, job.masks)
     job, geometry = _calibrate(store.path, frames, job)
     track = track_frames(frames, geometry, job)
+    track = _with_blended(track, find_blended(frames, track.position, geometry.diameter))
     _refuse_lost(store.path, track, job)
     return track
+
+
+def _with_blended(track: Track, blended: np.ndarray) -> Track:
+    """The same with frames (n,) that are mixtures of two called so, and doubted."""
+    doubted = blended & np.isin(track.reason, MAY_BE_BLENDED)
+    reason = [BLENDED if mixed else reason for mixed, reason in zip(doubted, track.reason, strict=True)]
+    return replace(track, quality=np.where(doubted, track.quality / 2, track.quality), reason=reason)
 
 
 def _calibrate(store: Path, frames: MaskedFrames, settings: TrackMarkersJob) -> tuple[TrackMarkersJob, Geometry]:

@@ -35,7 +35,7 @@ class Track:
         quality: (n,) share of rim points that agree with the worst of the disks, halved at the image's ``edge``;
             0 where the frame is unusable.
         reason: n words: empty, or why a frame is unusable (``lost:<marker>[+<marker>]``, ``arm_length``, ``residual``)
-            or doubtful (``edge``).
+            or doubtful (``edge``, ``blended``).
     """
 
     position: np.ndarray

@@ -185,6 +185,10 @@ def _times(summary: RecordingSummary) -> list[str]:
         said.append("estimated to cost {:.2g}° (median), {:.2g}° (99 %)".format(*timing.error_deg))
     if timing.repeated or timing.dropped:
         said.append(f"{timing.repeated} frames repeated, {timing.dropped} missing")
+    if timing.torn:
+        said.append(f"{timing.torn} frames torn")
+    if timing.blended:
+        said.append(f"{timing.blended} frames mixed from two")
     return [f"Times: {'; '.join(said)}"] if said else []
 
 

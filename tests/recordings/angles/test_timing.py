@@ -112,6 +112,60 @@ def test_repeated_and_missing_frames_are_found_from_the_motion(tmp_path, rate):
     assert np.median(errors_deg(seen, lambda s: true_angles(np.clip(s, 0, 39)))) < 3
 
 
+@pytest.mark.parametrize("rate", [50, 100])
+def test_of_two_frames_that_show_the_same_the_one_of_another_time_is_not_used(tmp_path, rate):
+    """Also where it is the first of them, which shows what the next will."""
+    t = np.arange(8 * rate) / rate
+    chosen = np.arange(20, len(t) - 20, 24)
+    whole, places = table_at(t, noise=0.07), ["joint_x", "joint_y", "tip_x", "tip_y"]
+    whole.loc[chosen, places] = whole.loc[chosen + 1, places].to_numpy()
+    repeated = np.flatnonzero(read(tmp_path, whole).reason == "repeated")
+    assert len(repeated) > 5 and np.isin(repeated, chosen).mean() > 0.9
+
+
+def mixed_table(source_hz, rate, seconds=12, noise=0.05):
+    """markers.csv of a video brought to another rate by mixing neighbours, as the tracker leaves it: at the stronger
+    image's place, which a rim that touches it moves, or in the middle where both lie on each other."""
+    at = np.arange(seconds * rate) * source_hz / rate
+    first, part = np.floor(at + 1e-9), (at + 1e-9) % 1
+    strong = (first + (part > 0.5)) / source_hz
+    table, middle = table_at(strong, noise), table_at(strong)
+    before, after = table_at(first / source_hz), table_at((first + 1) / source_hz)
+    for role in ("joint", "tip"):
+        names = [f"{role}_x", f"{role}_y"]
+        step = (after[names] - before[names]).to_numpy()
+        length = np.linalg.norm(step, axis=1)[:, None]
+        shift = before[names].to_numpy() + part[:, None] * step - middle[names].to_numpy()
+        touched = np.where(length < 10, 0.6 * shift / np.maximum(length, 1), 0.0)
+        table[names] += np.where(length < 5, shift, touched)
+    unclear = np.abs(part - 0.5) < 0.12
+    table.loc[unclear, "reason"] = "blended"
+    return table.assign(t=np.arange(len(at)) / rate, frame=np.arange(len(at)))
+
+
+@pytest.mark.parametrize(("source_hz", "rate"), [(50, 60), (30, 60)])
+def test_mixed_frames_are_left_out_and_the_others_put_to_their_times(tmp_path, source_hz, rate):
+    files = [tmp_path / name for name in ("markers.csv", "angles.csv", "angles.json")]
+    mixed_table(source_hz, rate).to_csv(files[0], index=False)
+    measure_angles(*files, MeasureAnglesJob(rate_hz=float(source_hz)))
+    seen, summary = pd.read_csv(files[1]), json.loads(files[2].read_text())
+    assert summary["timing"]["converted_from_hz"] == pytest.approx(source_hz)
+    assert sum("mixtures of two" in text and "left out" in text for text in summary["warnings"]) == 1
+    assert "frames mixed from two" in _heading(RecordingSummary.load(files[2]))
+    seen = seen[seen["quality"] == 1]
+    off = np.angle(np.exp(1j * (seen[["theta1", "theta2"]].to_numpy() - true_angles(seen["t"]))))
+    ratio = np.sqrt(np.mean(seen[["theta1_std", "theta2_std"]].to_numpy() ** 2, axis=0) / np.mean(off**2, axis=0))
+    assert ((ratio > 1 / 1.5) & (ratio < 1.5)).all(), ratio
+
+
+def test_frames_of_which_most_are_mixed_are_used_with_a_warning(tmp_path):
+    table = table_at(np.arange(1200) / 100, noise=0.07)
+    table.loc[np.arange(1200) % 5 < 3, "reason"] = "blended"
+    seen = read(tmp_path, table)
+    assert seen.timing.blended_used and (seen.reason == "").all() and np.median(seen.interpolation) > np.deg2rad(0.3)
+    assert "they were used" in seen.timing.doubts(1200)[0]
+
+
 def test_nothing_is_found_where_nothing_is_wrong(tmp_path):
     for rate in (400, 240, 100, 50):
         timing = read(tmp_path, markers(truth()[1, :: 400 // rate] if 400 % rate == 0 else truth()[1], rate)).timing
