@@ -15,7 +15,6 @@ from scipy.ndimage import median_filter
 
 from expertaug_recordings.angles.even_times import lagrange
 
-AROUND = np.array([-2, -1, 1, 2])  # frames by which one between them is judged
 SHIFTS = np.linspace(-1.25, 1.25, 21)  # of time, in frames, that are tried; ways between them are straight
 LOCAL = 21  # frames over whose median a misfit is usual
 STRANGE, WHOLE = 6.0, 3.0  # usual misfits from which on a frame is torn; where one marker is a whole frame off

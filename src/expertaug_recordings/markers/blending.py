@@ -38,8 +38,8 @@ def find_blended(frames: Sequence[np.ndarray], position: np.ndarray, diameter: f
     far = np.zeros((len(position), 2, 2), bool)  # to the frame before, and after
     with np.errstate(invalid="ignore"):
         enough = (1 - SMEARED) * step > (1 - REACH) * radius + BEYOND + 2 * STRIDE
-    known = np.isfinite(step)
-    both = known[:-1] & known[1:]
+    located = np.isfinite(step)
+    both = located[:-1] & located[1:]
     far[1:-1, :, 0], far[1:-1, :, 1] = enough[:-1] & both, enough[1:] & both
     moving = np.flatnonzero(far.any((1, 2)))
     if not len(moving):
