@@ -1,4 +1,4 @@
-"""Draw the figures of scores of published runs anew from their tables, by today's code: their numbers stay.
+"""Draw figures of scores and of estimates of published runs anew from their tables, by today's code: numbers stay.
 
     python benchmarks/redraw.py results/published/default results/published/ten_seeds
 
@@ -15,9 +15,10 @@ from pathlib import Path
 from expertaug import plotting
 from expertaug.config import load as config
 from expertaug.config import shown_settings
-from expertaug.evaluation import dots
-from expertaug.evaluation.settings import OverviewJob, PlotJob
+from expertaug.evaluation import dots, estimates
+from expertaug.evaluation.settings import EstimatesJob, OverviewJob, PlotJob
 from expertaug.evaluation.summary import read_long
+from expertaug.rows import read_csv
 from expertaug.runs.publish import copy
 from expertaug.stages import STAGES
 
@@ -35,6 +36,12 @@ def redraw(folder: Path) -> list[str]:
             rows = read_long(table)
             plotting.save_all({new / f"{name}_log_mse": dots.log_mse(rows, job)})
             plotting.save_all({new / f"{name}_parameter_errors": dots.parameter_errors(rows, job)})
+            stated = folder / "tables" / f"{name}_estimates.csv"
+            if stated.is_file():
+                job = EstimatesJob.from_mapping(shown_settings.estimates(whole, name))
+                title = f"{job.of_experiment(name)}: estimates"
+                figure = estimates.draw(read_csv(stated, estimates.TabledEstimate, "publish it again"), job, title)
+                plotting.save_all({new / f"{name}_estimates": figure})
         of_all = OverviewJob.from_mapping(shown_settings.overview(whole, whole.run))
         dots.run_stage(list(tables.values()), new, of_all)
         drawn = [path for path in sorted(new.glob("*.png")) if (folder / "figures" / path.name).exists()]

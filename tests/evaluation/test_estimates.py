@@ -1,5 +1,6 @@
 """Tables of estimates: means, errors and intervals against closed forms and simulations, and the files of a run."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +25,14 @@ from expertaug.evaluation.estimates import (
     pool,
     run_stage,
     summarise,
+    table,
 )
 from expertaug.evaluation.forecasts import Forecasts, SetForecasts, VersionKey, constants_of
 from expertaug.evaluation.settings import EstimatesJob
 from expertaug.models.posterior import Estimates, Gaussian, Posterior
 from expertaug.models.settings import Constant, Population, Refinement, RefinementSettings
 from expertaug.systems import Parameter
+from expertaug.versions import LINES
 
 ROOT = Path(__file__).parents[2]
 RANGES = {"omega0": (1.0, 3.0)}
@@ -199,6 +202,19 @@ def test_initial_speeds_are_no_constants_and_what_has_no_expert_states_nothing()
     assert jobs.estimating(found, "double_pendulum") == []
     versions = jobs.estimating(found, "pendulum")
     assert {"least_squares", "truth", "aphynity+"} <= set(versions) and not {"mean", "ml_only"} & set(versions)
+
+
+def test_of_many_versions_and_sets_the_figure_shows_some_and_the_table_all():
+    versions = [f"method{k}" for k in range(10)]
+    job = EstimatesJob(labels=[(v, v.upper()) for v in versions])
+    sets = ("validation", "iid", "test", "near", "far")
+    (first, *_) = summarise(stated(np.array([f"run/{k}" for k in range(40)])), {})
+    rows = [
+        replace(TabledEstimate(v, v.upper(), **vars(first)), of=job.of_set(name)) for v in versions for name in sets
+    ]
+    names = [tick.get_text() for tick in draw(rows, job, "swings").axes[0].get_yticklabels()]
+    assert names == [f"{v.upper()}, {job.of_set(name)}" for v in versions[:LINES] for name in ("iid", "test")]
+    assert table(rows).size == len(rows)
 
 
 @pytest.mark.parametrize(("trajectories", "lines"), [(3, [", all", ", run0", ", run1", ", run2"]), (40, [""])])

@@ -84,8 +84,13 @@ def test_the_same_job_is_taken_as_it_was_from_the_run_that_has_most_of_them(publ
 def test_the_default_run_asks_for_what_the_published_one_took():
     told = json.loads((ROOT / "results/published/default/provenance.json").read_text(encoding="utf-8"))
     took = costs.read(ROOT / "results/published/default/costs.csv")
-    seconds = sum(cost.seconds for job, cost in took.items() if job.partition("/")[0] in demand.STAGES)
+    seconds = sum(cost.alone_s for job, cost in took.items() if job.partition("/")[0] in demand.STAGES)
     asked = load.completed(load.load(load.with_defaults([ROOT / "config/config.yaml"])))
     rows = demand.of_config(asked, ROOT / "results/published")
     assert sum(row.hours for row in rows) == pytest.approx(seconds / 3600)
     assert max(row.memory_mb for row in rows) == told["peak_memory_mb"]
+
+
+def test_a_job_beside_other_work_asks_for_what_it_takes_alone():
+    assert costs.Cost(90.0, 60.0).alone_s == 60 and costs.Cost(90.0).alone_s == 90
+    assert costs.Cost(60.0, 61.0).alone_s == 60

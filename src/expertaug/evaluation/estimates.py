@@ -29,13 +29,14 @@ from expertaug.inference.pooling import Pooled, pool
 from expertaug.models.settings import TOLD
 from expertaug.rows import frame, grouped
 from expertaug.trajectories import places_by_trajectory
+from expertaug.versions import compared
 
 LEVEL = 0.90  # of the intervals
 BLOCKS, ENOUGH = 10, 5  # of a trajectory's windows, at most, and for an error by their scatter
 FEWEST = 6  # windows of which a correlation time can be estimated
 MOST_OPEN = 0.2  # share of the windows that leave a parameter open by themselves, for their mean to be told
 ALL = "all"
-MOST = 24  # lines of a parameter's panel; of more, those of single trajectories are left out
+MOST = 24  # lines of a parameter's panel; of more, some are left out
 LINE = 0.17  # inches
 SMALL = 6.5  # font size of the names
 TICKS = 5  # at most: estimates have many digits
@@ -353,7 +354,7 @@ def draw(estimates: Sequence[TabledEstimate], job: EstimatesJob, title: str) -> 
             shown.setdefault((estimate.parameter, estimate.unit), []).append(estimate)
     if not shown:
         return plotting.note(EMPTY)
-    panels = {quantity: _few(rows) for quantity, rows in shown.items()}
+    panels = {quantity: _few(rows, job) for quantity, rows in shown.items()}
     colours = plotting.colours([version for version, _ in job.labels], dict(job.hues))
     heights = [len(rows) + 2.5 for rows in panels.values()]
     figure = plotting.new_figure(LINE * sum(heights) + 0.9)
@@ -398,14 +399,19 @@ def _quantity(name: str, unit: str) -> str:
     return plotting.quantity(name, unit) if not of else f"{what} of {plotting.quantity(state, unit)}"
 
 
-def _few(rows: list[TabledEstimate]) -> list[TabledEstimate]:
-    """A parameter's estimates; without those of single trajectories where there are too many."""
-    together = {estimate.method for estimate in rows if estimate.of == ALL}
-    return (
-        rows
-        if len(rows) <= MOST
-        else [estimate for estimate in rows if estimate.method not in together or estimate.of == ALL]
-    )
+def _few(rows: list[TabledEstimate], job: EstimatesJob) -> list[TabledEstimate]:
+    """A parameter's estimates; where there are too many without those of single trajectories, then of the versions that
+    one figure compares, then of the sets that tables begin with."""
+    if len(rows) > MOST:
+        together = {estimate.method for estimate in rows if estimate.of == ALL}
+        rows = [estimate for estimate in rows if estimate.method not in together or estimate.of == ALL]
+    if len(rows) > MOST:
+        chosen = compared([version for version, _ in job.labels])
+        rows = [estimate for estimate in rows if estimate.method in chosen] or rows
+    if len(rows) > MOST:
+        first = {job.of_set(name) for name in ("iid", "test")}
+        rows = [estimate for estimate in rows if estimate.of in first] or rows
+    return rows
 
 
 def _limits(rows: Sequence[TabledEstimate], axes: Axes) -> tuple[float, float]:

@@ -175,7 +175,7 @@ def _published(folder: Path) -> dict[tuple[str, str, str], list[Seen]]:
                 continue
             variant, _, numbers = rest.removeprefix(f"{experiment}_").partition("_seeds_")
             job = _job(run.experiments[experiment], stage, experiment, variant, len(numbers.split("_")))
-            history.setdefault(job[:3], []).append(Seen(path.parent.name, cost.seconds, cost.peak_memory_mb, job))
+            history.setdefault(job[:3], []).append(Seen(path.parent.name, cost.alone_s, cost.peak_memory_mb, job))
     return history
 
 
