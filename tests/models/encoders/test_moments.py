@@ -6,7 +6,7 @@ import torch
 
 from cards import card
 from expertaug import systems
-from expertaug.models.encoders.fields import Moments
+from expertaug.models.encoders.fields import PART, Moments
 from expertaug.models.estimators import Hybrid
 from expertaug.systems.settings import SimulatedData
 from expertaug.systems.simulate import sample
@@ -78,3 +78,12 @@ def test_gradient_reaches_every_parameter(kind):
     for name, parameter in model.encoder.named_parameters():
         assert parameter.grad is not None and parameter.grad.abs().sum() > 0, name
     assert torch.isfinite(model.predict(seen(y[:4], torch.tensor(T)), Solver("rk4"))[0]).all()
+
+
+def test_many_windows_are_taken_in_parts_to_the_same_bits():
+    moments = Moments(systems.load(SYSTEM), 4)
+    frames = torch.rand(2, PART + 3, 4, *systems.load(SYSTEM).state_shape, generator=torch.Generator().manual_seed(0))
+    moments.fit(frames[0])
+    with torch.no_grad():
+        parts = moments(frames)
+    assert torch.equal(parts, moments(frames.requires_grad_()))

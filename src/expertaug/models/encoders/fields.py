@@ -66,6 +66,9 @@ class ConvEncoder(nn.Module):
         return Posterior(Delta(z_e), Delta(self.latent_head(hidden)))
 
 
+PART = 64  # windows whose moments are made at a time where no gradient is wanted
+
+
 class Moments(nn.Module):
     """Averages over the grid that tell what a local equation of motion ∂y/∂t = D Δy + f(y) is made of.
 
@@ -103,7 +106,9 @@ class Moments(nn.Module):
 
     def forward(self, y: Tensor) -> Tensor:
         """Frames (…, B, T1, fields, *grid) → standardised moments (…, B, outputs)."""
-        return self.scale(self._moments(y, self.size))
+        axis = -3 - self.rank
+        parts = [y] if torch.is_grad_enabled() else y.split(PART, axis)  # channels are ten times as large as frames
+        return self.scale(torch.cat([self._moments(part, self.size) for part in parts], dim=-2))
 
     def _channels(self, y: Tensor) -> Tensor:
         """(…, T1 − 1, channels, cells)."""
