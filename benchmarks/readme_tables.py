@@ -82,6 +82,7 @@ def of_experiment(folder: Path, name: str, versions: str | None) -> list[str]:
     for _, line in table.iterrows():
         rows.append([line["label"], *(_cell(line, one_set, metric).text() for one_set in sets)])
     titles = {"iid": "IID test", "test": "test (OOD)"}
+    titles |= _config(folder)["experiments"][name]["evaluation"].get("set_titles", {})
     return grid(["method", *(titles.get(s, s) for s in sets)], rows, 1)
 
 

@@ -37,7 +37,7 @@ PROGRESS_S = 10.0
 FLUSH_S = 5.0
 SKIPPED_LIMIT = 50
 DIVERGED = 0.2  # share of training samples above which a warning tells that they diverge
-LATENT_PART = 1000  # windows that are encoded at a time
+LATENT_PART, LATENT_BYTES = 1000, 2**24  # windows that are encoded at a time, and bytes of those of fields
 # Of a running training: tensors, numbers, text, and lists and dicts of them.
 State: TypeAlias = dict[str, Any]
 
@@ -522,7 +522,9 @@ def prepare_training(
 @torch.no_grad()
 def encode_all(model: HybridNet, windows: Windows, seeds: int) -> tuple[Tensor, Tensor]:
     """Posterior means z_e (S, N, P) and z_a (S, N, Q) of windows that all seeds share, y (T1, 1, N, *state)."""
-    parts = [model.encode(part.expand(seeds)).mean for part in windows.split(LATENT_PART)]
+    each = seeds * windows.points * windows.numbers * windows.y.element_size()
+    size = min(LATENT_PART, max(1, LATENT_BYTES // each))
+    parts = [model.encode(part.expand(seeds)).mean for part in windows.split(size)]
     z_e, z_a = (torch.cat([part[k] for part in parts], dim=1) for k in range(2))
     return z_e, z_a
 
