@@ -11,6 +11,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import pytest
+from running import WINDOW_STUDIES
 
 from docs_pages import PAGES, ROOT, Block, Command, blocks, checkout, commands, every, name_of, run, words
 from expertaug import cli
@@ -275,7 +276,7 @@ def test_the_graph_of_the_stages_is_the_workflows(reader):
     assert done.returncode == 0, done.stderr
     ending = r"_(of_recording|of_experiment|experiment|seed_group(_with_snapshots)?|set|all)$"
     other_words = {"plot_page": "plot_recording", "study": "studies"}
-    other_words |= dict.fromkeys(("alarm", "coverage", "distance", "seeds"), "study_windows")
+    other_words |= dict.fromkeys(WINDOW_STUDIES, "study_windows")
     stages = {}
     for number, rule in re.findall(r"(id\d+)\[(\w+)\]", done.stdout):
         study = rule.removesuffix("_of_experiment")

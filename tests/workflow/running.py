@@ -15,6 +15,8 @@ import yaml
 from dry_runs import DryRuns
 
 import warm_python
+from expertaug.stages.evaluation import _WindowStudy
+from expertaug.stages.planned import STUDIES as STAGE_OF
 
 ROOT = Path(__file__).parents[2]
 DATA = ["render_video", "extract_frames", "track_markers", "measure_angles", "plot_recording", "overlay", "recordings"]
@@ -48,10 +50,12 @@ experiments:
     refined: []
     studies: {during_training: null}
 """
+WINDOW_STUDIES = [name for name, stage in STAGE_OF.items() if issubclass(stage, _WindowStudy)]
 # The rules that a change redoes: all that follows its own.
 EVALUATION = {"evaluate_seed_group", "tabulate_experiment", "plot_experiment", "plot_overview"}
-EVALUATION |= {"log_evaluations_of_experiment", "write_report", "alarm_of_experiment", "coverage_of_experiment"}
-EVALUATION |= {"seeds_of_experiment"}
+EVALUATION |= {"log_evaluations_of_experiment", "write_report"}
+# Of the studies of windows that of distances alone is of simulated systems only.
+EVALUATION |= {f"{name}_of_experiment" for name in WINDOW_STUDIES if name != "distance"}
 AUGMENTED = {"finetune_seed_group"} | EVALUATION
 # Of the double pendulum longer forecasts and the loss of energy.
 LEARNING = {"train_seed_group", "augment_seed_group", "horizons_of_experiment", "dissipation_of_experiment"} | AUGMENTED
