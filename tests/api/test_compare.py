@@ -122,6 +122,7 @@ def test_overlapping_windows_do_not_decide_by_their_number():
     assert choose(pair, np.repeat(np.arange(6), 50)).chosen is None
 
 
+@pytest.mark.slow
 def test_what_was_not_measured_does_not_count():
     data = swings(0.4, n=8)
     mask = np.random.default_rng(0).random(data.y.shape) > 0.3

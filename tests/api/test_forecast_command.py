@@ -137,6 +137,7 @@ def test_an_alarm_from_validation_windows_is_a_column_and_a_line(fit, model, set
     assert len(lines) == 1 and lines[0].startswith("1 of 2 windows")
 
 
+@pytest.mark.slow
 def test_a_model_keeps_what_it_needs_for_the_alarm(sets, recipe, tmp_path):
     many = ea.simulate(ea.DampedPendulum(), SEEN, FRICTION, n=40, t=T, noise=0.01, name="validation")
     model = ea.fit(recipe, sets["train"], many, observed_s=1.0, seeds=[0, 1], **OPTIONS)

@@ -93,6 +93,7 @@ def test_least_squares_finds_the_frequency_of_a_driven_pendulum():
     assert np.abs(found.y - test.y).max() < 0.02
 
 
+@pytest.mark.slow
 def test_refined_estimates_a_prior_of_its_own_and_validity(fit, sets):
     test, seen = sets["test"], sets["test"].window(0, 11)
     refined = fit.refined(noise=0.01, prior=WIDER, starts=4, tries=1, steps=3)
@@ -113,6 +114,7 @@ def test_alternation(sets):
     assert np.isfinite(model.forecast(window(test), test.t, u=test.u).y).all()
 
 
+@pytest.mark.slow
 def test_a_flow_and_its_bands(fit, sets, tmp_path):
     options = {"steps": 10, "pool": 40, "uses": 1, "held_out": 20, "samples": 8, "batch_size": 10}
     flow = ea.fit_posterior(fit, sets["train"], prior=WIDER, noise=0.01, **options)
@@ -134,6 +136,7 @@ def test_the_hybrid_vae(sets, windows):
     assert np.isfinite(model.evaluate(sets["test"])["value"]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("interaction", others_slow([Own, {"kind": "damping", "components": ["omega"]}]))
 def test_own_parts_and_those_that_see_no_inputs(sets, interaction):
     recipe = ea.HybridModel(ea.DrivenPendulum(), Flat, interaction)

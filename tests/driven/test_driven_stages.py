@@ -83,6 +83,7 @@ def valid(*texts: str) -> dict:
     return config.validate(whole)
 
 
+@pytest.mark.slow
 def test_it_is_simulated_trained_augmented_and_evaluated(tmp_path):
     whole = valid(EXPERIMENT)
     check_classes(whole)

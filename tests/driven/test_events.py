@@ -114,6 +114,7 @@ def balls():
     }
 
 
+@pytest.mark.slow
 def test_least_squares_finds_gravity_and_bounce():
     sets = [ea.simulate(BouncingBall(), GRAVITY, {"k": (0, 0)}, n=6, t=T, name=name) for name in ("train", "test")]
     model = ea.least_squares(BouncingBall(), sets[0], observed_s=1.0, prior=GRAVITY, solver={"substeps": 4})

@@ -91,6 +91,7 @@ def test_without_a_torque_it_is_the_damped_pendulum():
     assert np.abs(data.y - free.y).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_measured_source_that_follows_the_formula_is_the_circuit_of_the_formula():
     t = np.arange(401) * 0.01  # fine enough that straight lines are the sine
     z_e, z_a = {"L": (1, 3), "C": (0.5, 1.5)}, {"R": (1, 3)}

@@ -57,6 +57,7 @@ def test_friction_is_found_and_nothing_else(seed):
     assert one.verdict == "law"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error:Mean of empty slice")
 def test_the_drag_is_found_where_nobody_measured_the_speed():
     ranges = {"k": (4.0, 4.0)}, {"c": (0.12, 0.12)}
@@ -137,6 +138,7 @@ class Spring(System):
         return torch.stack((x, torch.zeros_like(x)), dim=-1)
 
 
+@pytest.mark.slow
 def test_the_drag_of_ones_own_system_is_found_with_its_error():
     ranges = {"k": (4.0, 4.0)}, {"c": (0.12, 0.12)}
     train, validation = (

@@ -91,6 +91,7 @@ def test_along_a_training(value):
     drawn(figure)
 
 
+@pytest.mark.slow
 def test_forecasts_parameters_and_curves(tmp_path, value):
     paths = write_forecasts(tmp_path)
     for path in paths.values():

@@ -306,6 +306,7 @@ def evaluated(folder, tmp_path):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_stores")
 def test_figures_and_metrics_are_artifacts_of_the_tracked_runs(evaluated, tmp_path):
     import mlflow

@@ -49,6 +49,7 @@ def test_it_says_when_the_expert_itself_does_not_fit(train):
     assert found.explained < 0.5 and "does not fit" in found.says
 
 
+@pytest.mark.slow
 def test_without_windows_the_ranges_end_at_the_budget(train):
     whole = Windows.of(train)
     stored = expert_alone("pendulum", train)

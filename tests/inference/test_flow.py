@@ -249,6 +249,7 @@ def test_what_is_wrong_is_said_in_a_line(pendulum, changed, expected):
         prepare(models.load(pendulum / "both.safetensors"), data, job(FlowJob, PENDULUM | changed))
 
 
+@pytest.mark.slow
 def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path):
     """Noisy fields, whose draws are used several times; the expert's parameter is found in their moments."""
     system, ranges = {"name": "field_systems:Fisher"}, {"z_e": {"D": [1e-3, 4e-3]}, "z_a": {"r": [0.5, 1.5]}}

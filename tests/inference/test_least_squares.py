@@ -175,6 +175,7 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
     torch.testing.assert_close(part.z_e, refined.z_e[:, :7], rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_further_starts_are_tried_only_where_the_first_does_not_explain_a_window(monkeypatch):
     data = pendulum((1.5, 3.1), n=12)
     seen = windows(data)
@@ -199,6 +200,7 @@ def test_further_starts_are_tried_only_where_the_first_does_not_explain_a_window
     torch.testing.assert_close(everywhere.z_e, truth, rtol=0.02, atol=0.0)
 
 
+@pytest.mark.slow
 def test_no_further_start_is_tried_once_two_have_led_to_the_same_minimum(monkeypatch):
     data = pendulum((1.5, 3.1), n=12)
     damped = replace(data, y=data.y * np.exp(-0.1 * data.t)[None, :, None].astype(np.float32))

@@ -125,6 +125,7 @@ def of_pendulums(omega0, windows, seed, alpha=0.15):
     return replace(data, id=np.array(names))
 
 
+@pytest.mark.slow
 def test_windows_of_a_trajectory_share_its_value_and_errors_are_as_large_as_errors():
     scores = []
     for seed in range(3):

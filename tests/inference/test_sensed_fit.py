@@ -62,6 +62,7 @@ def test_constants_lie_within_their_intervals_as_often_as_these_say():
     assert np.mean(held) > 0.8 and np.mean(held, axis=0).min() > 0.7
 
 
+@pytest.mark.slow
 def test_forecasts_are_what_the_sensors_show_and_estimates_the_states():
     train, new = swings(20), swings(40, seed=5)
     seen, blind = fitted(train), fitted(train, sensors=None)

@@ -76,6 +76,7 @@ def test_standard_errors_are_as_large_as_the_errors():
     assert np.all(np.abs(np.mean(scores, axis=0)) < 0.8)
 
 
+@pytest.mark.slow
 def test_forecasts_of_one_pendulum_gain_from_all_of_its_windows():
     train, new = swings(20), swings(50, seed=9)
     errors = {}

@@ -133,6 +133,7 @@ def test_the_values_are_those_of_the_cpu(card, name, objective):
     assert found.equals(fitted(name, objective, device="cpu")[0].history["value"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", others_slow(["aphynity", "hvae"]))
 def test_a_step_is_done_again_where_a_forecast_ran_away(waits, objective, monkeypatch):
     monkeypatch.setattr("expertaug.learning.divergence.FACTOR", 0.9)

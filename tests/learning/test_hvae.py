@@ -203,6 +203,7 @@ def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, ki
     assert all(torch.equal(whole[k], resumed[k]) for k in whole)
 
 
+@pytest.mark.slow
 def test_training_lowers_the_loss_and_the_likelihoods_scale(data, tmp_path, settings):
     settings["training"] |= {"epochs": 30, "learning_rate": 1e-2}
     run(data, tmp_path, settings)

@@ -27,6 +27,7 @@ def test_steps_are_torchs_to_the_bit(options):
     assert torch.equal(*found)
 
 
+@pytest.mark.slow
 def test_the_compiler_is_not_imported():
     code = """if True:
         import sys, torch

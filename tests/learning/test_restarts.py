@@ -49,6 +49,7 @@ def test_a_seed_behind_is_begun_anew_and_its_better_state_kept(data, tmp_path, s
     )
 
 
+@pytest.mark.slow
 def test_a_restart_is_the_training_of_another_seed(data, tmp_path, settings):
     restarted = run(data, tmp_path / "restarted", settings, restarts=3, restart_gap=1e-6)
     events = [line for line in lines(tmp_path / "restarted") if line.get("event") == "seed_restarted"]

@@ -71,6 +71,7 @@ def test_a_fast_one_takes_its_steps_alone():
     assert work(y0, w) < 0.4 * system.work, "a piece of the batch goes with it"
 
 
+@pytest.mark.slow
 def test_where_all_are_fast_few_are_solved_twice():
     y0, w = oscillators(fast=[(slice(None), 100.0)])
     system = Oscillator()

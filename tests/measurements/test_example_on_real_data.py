@@ -45,6 +45,7 @@ def double_pendulum(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_double_pendulum_of_a_table_is_calibrated(tmp_path):
     table = double_pendulum(tmp_path)
     found = completed(tmp_path, "real_double_pendulum")
@@ -64,6 +65,7 @@ def test_a_double_pendulum_of_a_table_is_calibrated(tmp_path):
     assert report["with_friction"]["train_log_mse"] < -9 and report["implied_rate_hz"] is None
 
 
+@pytest.mark.slow
 def test_only_what_was_measured_whole_is_calibrated(tmp_path):
     double_pendulum(tmp_path)
     files = config.load(EXAMPLE)["experiments"]["real_double_pendulum"]["data"]["files"]
@@ -84,6 +86,7 @@ def test_losses_of_energy_are_compared_where_all_was_measured(tmp_path):
     assert jobs.dissipating(default, "pendulum") == [] and jobs.dissipating(default, "double_pendulum")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not REAL.is_dir(), reason="needs the measurements beside the checkout, ../shared/measurements")
 @pytest.mark.parametrize(
     ("one", "method", "score"),

@@ -64,6 +64,7 @@ def test_no_chunk_spans_the_pause_and_noise_is_found(rows):
     assert NOISE < found.noise[1] < 1.6 * NOISE, "an upper estimate: speeds bend more over seven rows"
 
 
+@pytest.mark.slow
 def test_a_solver_at_their_own_times_finds_the_frequency(rows):
     lab = {"columns": {"theta": "angle", "omega": "speed"}, "trajectory": "trial", "length": 401, "stride": 100}
     lab |= {"uneven": "own", "step_s": FINE}

@@ -200,6 +200,7 @@ def test_two_recordings_of_one_name_and_a_broken_table(tmp_path):
         split_chunks([angles], tmp_path / "data", SplitChunksJob())
 
 
+@pytest.mark.slow
 def test_figure(tmp_path):
     angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth()[:, :8000])]
     split_chunks(angles, tmp_path / "data", SplitChunksJob.from_mapping(SMALL))

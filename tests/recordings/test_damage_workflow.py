@@ -82,6 +82,7 @@ def test_a_bad_recording_stops_or_is_left_out_and_tried_again(folder):
     assert planned(folder, on_bad_recording="skip") == again
 
 
+@pytest.mark.slow
 def test_checksums_are_checked_before_any_job(folder):
     lines = [f"{sha256(folder / 'csv' / f'{k}.csv')}  {k}.csv\n" for k in range(3)]
     (folder / "SHA256SUMS").write_text("".join(lines[:2]))

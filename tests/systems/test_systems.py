@@ -142,6 +142,7 @@ def test_noise_is_on_every_point_including_the_first():
     assert np.std((noisy.y - clean.y)[:, -1]) == pytest.approx(0.01, rel=0.15)
 
 
+@pytest.mark.slow
 def test_double_pendulum_energy_is_conserved_without_friction_and_lost_with_it():
     y0 = torch.tensor([[2.0, 1.5, 3.0, -5.0], [0.5, -2.0, 12.0, 20.0]], dtype=torch.float64)
     t = torch.linspace(0, 2, 5, dtype=torch.float64)
@@ -264,6 +265,7 @@ def test_trajectories_check_and_round_trip(tmp_path):
         Trajectories.load(tmp_path / "y.npz")
 
 
+@pytest.mark.slow
 def test_torchdiffeq_comes_without_scipys_integrators_and_still_finds_them():
     code = """if True:
         import sys, torch

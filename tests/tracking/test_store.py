@@ -46,6 +46,7 @@ def told(caplog) -> list[str]:
     return [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
 
 
+@pytest.mark.slow
 def test_a_kill_while_runs_are_made_leaves_none_open(tmp_path, tracking):
     path = tmp_path / "results" / "log.jsonl"
     job = start(str(path), tracking, vars(RUN), 0, code=DIES)

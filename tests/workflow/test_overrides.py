@@ -60,6 +60,7 @@ def test_another_kind_brings_its_own_arguments_and_own_methods_come_last(tmp_pat
     assert methods[0] == "mean" and methods[-1] == "later"
 
 
+@pytest.mark.slow
 def test_numbers_within_braces_on_the_command_line_are_numbers(tmp_path):
     said = "experiments={pendulum: {seeds: [3, 4], training: {learning_rate: 2e-3, epochs: 7}}}"
     done = plan(tmp_path, TEXT, "--config", said)
@@ -83,6 +84,7 @@ def test_everything_that_is_wrong_is_told_with_status_2(tmp_path):
     assert done.returncode == 2 and f"my.yaml:{line}: 'run' is there twice" in told(done)[0]
 
 
+@pytest.mark.slow
 def test_tables_of_other_files_are_not_overwritten(tmp_path):
     (tmp_path / "results" / "mine" / "tables").mkdir(parents=True)
     (tmp_path / "results" / "mine" / "tables" / "pendulum_long.csv").touch()

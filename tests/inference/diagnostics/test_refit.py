@@ -77,6 +77,7 @@ def test_a_model_without_f_a_has_nothing_to_fit():
         refit(expert_alone("pendulum", data), seen(torch.zeros(OBSERVED, 1, 2, 2)), NOISE, PRIOR)
 
 
+@pytest.mark.slow
 def test_the_study_has_a_sentence_a_version():
     sets = {}
     for name, z_e in (("train", (1.5, 3.1)), ("validation", (1.5, 3.1)), ("test", (0.6, 1.5))):

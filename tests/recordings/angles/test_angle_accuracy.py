@@ -49,6 +49,7 @@ def rms(values):
     return np.sqrt(np.mean(np.square(values), axis=0))
 
 
+@pytest.mark.slow
 def test_angles_are_never_worse_than_their_markers(tracked):
     rate, folder = tracked
     off, raw, _, table, summary = measured(folder)
@@ -76,6 +77,7 @@ def test_uncertainties_are_right_within_a_factor_of_one_and_a_half(tracked):
         assert 1 / 1.5 < ratio < 1.5, (role, ratio)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("single", [False, True])
 def test_uncertain_speeds_are_where_the_motion_between_the_frames_is_fast(tmp_path, single):
     """Frame by frame, not only on average, of a double pendulum and of a single one."""
@@ -155,6 +157,7 @@ def test_a_tip_nearer_to_the_camera_is_modelled(tmp_path):
     assert (rms(off[:, :2]) < [0.03, 0.04]).all()
 
 
+@pytest.mark.slow
 def test_a_shaking_camera_is_followed(tmp_path):
     y, table = truth()[0, :2000], markers(truth()[0, :2000])
     rng = np.random.default_rng(0)

@@ -74,6 +74,7 @@ def test_the_default_window_is_near_the_best_at_every_rate(tmp_path, rate):
     assert scores[0.08] <= 1.3 * min(scores.values()), scores
 
 
+@pytest.mark.slow
 def test_a_swaying_pivot_is_followed(tmp_path):
     y = truth()[0, :4000]
     table = markers(y)
@@ -137,6 +138,7 @@ def test_faults_of_the_tracker_are_rejected(tmp_path):
     assert (angles["quality"] == 1).mean() > 0.98
 
 
+@pytest.mark.slow
 def test_implied_rate(tmp_path):
     """Times that are stretched by 500/400 make the motion imply 500 Hz at nominal 400."""
     length = GRAVITY * CONSTANTS.B2 / CONSTANTS.G2

@@ -50,6 +50,7 @@ def test_what_is_known_of_the_stated_direction_and_what_the_motion_says_go_toget
     assert direction_error(Gravity(0.3, 0.01), 0.4, False) == pytest.approx(0.3, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("role", others_slow(["joint", "tip"]))
 def test_raw_angles_are_those_of_the_markers_and_the_corrected_ones_are_beside_them(tmp_path, role):
     table = markers(truth()[0, :2000])

@@ -108,6 +108,7 @@ def test_a_camera_that_faces_the_plane_is_left_alone(tmp_path):
     assert (after < 0.03).all() and summary["rectified"]["stretch"] < 1.002
 
 
+@pytest.mark.slow
 def test_a_checkerboard_undoes_lens_and_view(tmp_path):
     see = camera((0, 12, 0), LENS)
     picture = board(tmp_path / "board.png", see)

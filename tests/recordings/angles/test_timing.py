@@ -166,6 +166,7 @@ def test_frames_of_which_most_are_mixed_are_used_with_a_warning(tmp_path):
     assert "they were used" in seen.timing.doubts(1200)[0]
 
 
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_wrong(tmp_path):
     for rate in (400, 240, 100, 50):
         timing = read(tmp_path, markers(truth()[1, :: 400 // rate] if 400 % rate == 0 else truth()[1], rate)).timing
@@ -188,6 +189,7 @@ def test_times_that_do_not_grow_are_refused(tmp_path):
         read(tmp_path, table)
 
 
+@pytest.mark.slow
 def test_the_page_the_table_and_the_summary_say_what_resampling_cost(tmp_path):
     rng = np.random.default_rng(0)
     t = (np.arange(3000) + rng.uniform(-0.1, 0.1, 3000)) / 120

@@ -83,6 +83,7 @@ def test_two_single_pendulums_are_told(two):
     assert not two or any("the joint's colour (hue 225) that move" in line for line in lines)
 
 
+@pytest.mark.slow
 def test_inspect_says_it_in_the_proposal_and_in_the_terminal(tmp_path, caplog):
     frames = filmed(pendulum(), COLOURS, ball(30), ("blue",))
     text = inspect(write_video(frames.repeat(2, axis=0), tmp_path / "clip.mp4", 30), tmp_path / "sheet.png")

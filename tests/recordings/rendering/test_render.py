@@ -36,6 +36,7 @@ def centroid(image, about, radius):
     return np.array([(inside * x).sum(), (inside * y).sum()]) / inside.sum()
 
 
+@pytest.mark.slow
 def test_marker_centres_are_exact_before_the_sensor(monkeypatch):
     """Without rods and stand, a marker looks the same turned by half a turn: its centroid is its centre."""
     monkeypatch.setattr(

@@ -52,6 +52,7 @@ def run(folder, output, settings=None, **more):
         return stream.codec_context, float(stream.average_rate), np.stack(frames)
 
 
+@pytest.mark.slow
 def test_it_plays_in_a_browser(recording, tmp_path):
     codec, rate, frames = run(recording, tmp_path / "overlay.mp4", {"speed": 0.5, "fps": 30})
     assert (codec.name, codec.pix_fmt, codec.profile) == ("h264", "yuv420p", "High")

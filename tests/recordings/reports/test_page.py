@@ -137,6 +137,7 @@ def test_what_the_project_rendered_itself_raises_no_alarm(tmp_path):
         assert found.implied_rate_hz == pytest.approx(500, rel=0.01) and len(found.warnings) == warnings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt", others_slow([10.0, -20.0, 0.0]))
 def test_the_direction_of_gravity_is_stated_and_implied(tmp_path, tilt):
     y = truth()[0, :6000]

@@ -95,6 +95,7 @@ def pendulum(count=40, **how):
     return draw(centres, (224, 208), [PAINT[n] for n in ("red", "green", "blue")], 16, **how)
 
 
+@pytest.mark.slow
 def test_inspect_proposes_the_rate_of_the_tag_and_says_so(tmp_path, caplog):
     path = write(tmp_path / "slow.mp4", pendulum(), tags={"com.android.capture.fps": "240.000000"})
     text = inspect(path, tmp_path / "sheet.png")

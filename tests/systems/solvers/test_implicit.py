@@ -83,6 +83,7 @@ def test_rodas3_has_third_order():
     assert all(6.5 < a / b < 9.5 for a, b in pairwise(errors))
 
 
+@pytest.mark.slow
 def test_rodas3_follows_robertsons_reaction():
     t = torch.cat((torch.zeros(1, dtype=torch.float64), torch.logspace(-5, 4, 200, dtype=torch.float64)))
     start = torch.tensor([[1.0, 0, 0]], dtype=torch.float64)
@@ -116,6 +117,7 @@ def test_where_rk4_explodes_rodas3_holds_in_single_precision():
     np.testing.assert_allclose(Solver("radau", rtol=1e-4)(field, start, t)[:, 0, 0, 0], reference, atol=1e-2)
 
 
+@pytest.mark.slow
 def test_gradients_through_rodas3_are_those_of_finite_differences():
     t = torch.linspace(0, 2, 9, dtype=torch.float64)
     start = torch.tensor([[2.0, 0.0], [1.5, 0.1]], dtype=torch.float64)
