@@ -70,6 +70,7 @@ def test_what_a_few_noisy_windows_cannot_tell_is_said():
     assert "do not decide between" in found.says
 
 
+@pytest.mark.slow
 def test_all_may_be_wrong():
     data = swings(0.4)
     wrong = ("free", "linear")

@@ -342,6 +342,7 @@ def test_a_store_that_fails_is_told_once_and_costs_no_figure(evaluated, tmp_path
     assert sum("failed" in record.getMessage() for record in caplog.records) == 1
 
 
+@pytest.mark.slow
 def test_an_evaluation_needs_neither_figures_nor_a_store():
     """They cost more to import than it takes; one job draws and stores all of an experiment's."""
     code = "import sys, expertaug.evaluation.evaluate as e; print({n.split('.')[0] for n in sys.modules})"

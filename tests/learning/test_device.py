@@ -125,6 +125,7 @@ def test_training_and_finetuning(waits, name, objective):
     assert on_card(model) and on_card(plus)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", others_slow(["hvae", "aphynity"]))
 @pytest.mark.parametrize("name", others_slow(["pendulum", "rlc", "double_pendulum"]))
 def test_the_values_are_those_of_the_cpu(card, name, objective):

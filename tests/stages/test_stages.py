@@ -210,13 +210,22 @@ def test_a_misspelt_name_is_one_line_before_anything_runs(stage, path, value, ex
     assert not list(tmp_path.iterdir())
 
 
-def listed(path: Path, names: set[str]) -> Iterator[tuple[int, set[str]]]:
-    """Line of each list, tuple, set or mapping of a module that is written out, and which of the names it lists, of
-    texts or as the first argument of calls."""
+@cache
+def lists(path: Path) -> list[tuple[int, set[str]]]:
+    """Line of each list, tuple, set or mapping of a module that is written out, and what it lists: texts, or the first
+    arguments of calls."""
+    every = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         parts = node.elts if isinstance(node, ast.List | ast.Tuple | ast.Set) else getattr(node, "keys", [])
         firsts = [part.args[0] if isinstance(part, ast.Call) and part.args else part for part in parts]
-        yield getattr(node, "lineno", 0), {part.value for part in firsts if isinstance(part, ast.Constant)} & names
+        texts = {part.value for part in firsts if isinstance(part, ast.Constant) and isinstance(part.value, str)}
+        every += [(node.lineno, texts)] if texts else []
+    return every
+
+
+def listed(path: Path, names: set[str]) -> Iterator[tuple[int, set[str]]]:
+    """Line of each list of a module, and which of the names it lists."""
+    return ((line, texts & names) for line, texts in lists(path))
 
 
 def test_no_list_of_stages_is_kept_by_hand():

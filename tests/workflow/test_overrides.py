@@ -48,6 +48,7 @@ def told(done: subprocess.CompletedProcess) -> list[str]:
     return [line for line in done.stderr.splitlines() if line.startswith("configuration: ")]
 
 
+@pytest.mark.slow
 def test_another_kind_brings_its_own_arguments_and_own_methods_come_last(tmp_path):
     done = plan(tmp_path, TEXT)
     said = done.stdout + done.stderr

@@ -193,6 +193,7 @@ def test_bad_markers(tmp_path, kind, message):
     assert not (tmp_path / "a" / "angles.csv").exists()
 
 
+@pytest.mark.slow
 def test_summary_table(tmp_path):
     for name in ("10", "2"):
         measure(tmp_path / name, markers(truth()[0, :2000]))

@@ -83,6 +83,7 @@ def board(path, see, squares=(10, 7), side=40, offset=(20, 80)):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", others_slow([[0, 12, 0], [20, 0, 0], [9, 9, 0]]))
 @pytest.mark.parametrize("far", [1.0, 20.0])
 def test_an_oblique_view_is_told_by_the_arms(tmp_path, turn, far):

@@ -76,6 +76,7 @@ def test_no_chunk_spans_a_flagged_frame(flagged, tmp_path):
         assert not ((spans >= start) & (spans < stop)).any()
 
 
+@pytest.mark.slow
 def test_page(flagged, tmp_path):
     files = [flagged / name for name in ("markers.csv", "angles.csv", "angles.json")]
     plot_recording(*files, tmp_path / "page.png")

@@ -30,6 +30,7 @@ def error(solver, t=T):
     return float((solved(solver, t) - solved(Solver("rk4", substeps=100), t)).abs().max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "order"), others_slow([("ab5", 5), ("ab4", 4)]))
 def test_half_the_step_is_of_its_order_more_accurate(method, order):
     coarse, fine = (error(Solver(method, substeps=n)) for n in (2, 4))
