@@ -120,10 +120,10 @@ def _table(scores: Sequence[SeedScore], titles: Titles, title: str) -> Table:
     parts = []
     for name, of_set in grouped(scores, lambda score: score.set).items():
         rows = []
-        for label, part in grouped(of_set, lambda score: score.label).items():
+        for part in grouped(of_set, lambda score: score.method).values():
             (mean,), (median,) = ([score for score in part if score.of == of] for of in (MEAN, MEDIAN))
             single = sorted(score.log_mse for score in part if score.of == SEED)
-            rows.append([label, _text(mean), f"{single[0]:.2f}", f"{single[-1]:.2f}", _text(median)])
+            rows.append([mean.label, _text(mean), f"{single[0]:.2f}", f"{single[-1]:.2f}", _text(median)])
         parts.append((titles.of_set(name), [[cell.replace("-", MINUS) for cell in row] for row in rows]))
     head = ["method", "mean over seeds", "best seed", "worst seed", "median of the forecasts"]
     return Table(head, parts, 1, (), title, CAPTION, "seeds", empty=EMPTY)
