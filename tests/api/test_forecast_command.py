@@ -76,6 +76,18 @@ def test_a_median_is_trusted_where_every_seed_is_and_contains_their_spread(fit, 
     assert set(median.table()["doubtful"]) <= {True, False} and len(median.table()) == 3 * len(T)
 
 
+def test_a_seed_that_could_not_be_trained_has_no_part_in_a_median(fit, sets):
+    each = replace(fit.refined(noise=0.01).forecast(sets["test"].y[:3, :11], T), failed=[0])
+    median = each.median()
+    np.testing.assert_array_equal(median.y, each.y[1])
+    np.testing.assert_array_equal(median.z_e["omega0"], each.z_e["omega0"][1])
+    np.testing.assert_allclose(median.z_e_std["omega0"], each.z_e_std["omega0"][1], rtol=1e-6)
+    assert np.isnan(median.y_std).all() and len(median.table()) == 3 * len(T)
+    assert replace(fit, stored=replace(fit.stored, card=fit.stored.card.but(failed=[0]))).forecast(
+        sets["test"].y[:3, :11], T
+    ).failed == [0]
+
+
 def test_one_seed_until_a_later_time_into_a_file(model, sets, tmp_path, capsys):
     options = ("--output", str(tmp_path / "out.csv"), "--seed", "1", "--t-end", "3.05")
     status, told = run(capsys, model, window(sets).drop(columns="sample"), tmp_path, *options)

@@ -35,6 +35,7 @@ def test_a_seed_that_fails_is_told_and_the_median_is_not_moved():
     assert list(made.numbers.query("of == 'seed' and set == 'iid'")["seed"]) == SEEDS
     ((_, rows),) = [part for part in made.tables[0].parts if part[0] == JOB.of_set("test")]
     best, worst = (float(cell.replace("−", "-")) for cell in rows[0][2:4])
+    assert f"{shifted['median']:.2f} [".replace("-", "−") in made.markdown() and "–" not in made.markdown()
     assert worst - best == pytest.approx(3, abs=0.011)
     assert isinstance(made.figure(), Figure)
 

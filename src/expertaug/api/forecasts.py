@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -41,6 +40,7 @@ class Forecast:
         doubts: what is doubtful about the fits of the windows (:class:`expertaug.models.doubts.FitDoubts`, with the
             axis of seeds in any case); None where windows are not fitted.
         y_std: of a median, standard deviations of the states over the seeds, (N, T, *state); else None.
+        failed: those of the seeds that could not be trained.
     """
 
     t: np.ndarray
@@ -56,33 +56,43 @@ class Forecast:
     trusted: Array | None = None
     doubts: FitDoubts | None = None
     y_std: np.ndarray | None = None
+    failed: list[int] = field(default_factory=list)
 
     def median(self) -> Forecast:
         """One forecast of several seeds, which no single seed that fails moves far: at each time, and of each estimate,
-        the median over the seeds that are finite; standard deviations contain the spread over the seeds.  It is trusted
-        where every seed is, and lies outside, or is doubtful, where half of the seeds do.  Of one seed it is its own.
+        the median over the seeds that could be trained; standard deviations contain the spread over these.  It is
+        trusted where all of them are, and lies outside, or is doubtful, where half of them do.  Of one seed it is its
+        own.
         """
         if len(self.seeds) < 2 or self.y_std is not None:
             return self
-        y = _numpy(self.y)
-        each, spreads = _numpy_of(self.z_e), {}
-        for name, std in _numpy_of(self.z_e_std).items():
-            spreads[name] = np.sqrt(np.nanmean(std**2, 0) + np.nanvar(each[name], 0, ddof=1))
+        places = [place for place, seed in enumerate(self.seeds) if seed not in self.failed]
+
+        def of(value: Array) -> np.ndarray:
+            return _numpy(value)[places]
+
+        def deviation(values: np.ndarray) -> np.ndarray:
+            return np.std(values, 0, ddof=1) if len(places) > 1 else np.full(values.shape[1:], np.nan)
+
+        y, z_e = of(self.y), {name: of(values) for name, values in self.z_e.items()}
         middles = {
-            name: np.nanmedian(_numpy(value), 0)
+            name: np.median(of(value), 0)
             for name in ("chi2", "misfit", "p_chi2")
             if (value := getattr(self, name)) is not None
         }
         return replace(
             self,
-            y=np.nanmedian(y, 0),
-            y_std=np.nanstd(y, 0, ddof=1),
-            z_e={name: np.nanmedian(values, 0) for name, values in each.items()},
-            z_e_std=spreads,
+            y=np.median(y, 0),
+            y_std=deviation(y),
+            z_e={name: np.median(values, 0) for name, values in z_e.items()},
+            z_e_std={
+                name: np.sqrt((of(std) ** 2).mean(0) + np.nan_to_num(deviation(z_e[name])) ** 2)
+                for name, std in self.z_e_std.items()
+            },
             **middles,
-            outside=None if self.outside is None else _numpy(self.outside).mean(0) >= 0.5,
-            trusted=None if self.trusted is None else _numpy(self.trusted).astype(bool).all(0),
-            doubts=None if self.doubts is None else self.doubts.of_most(),
+            outside=None if self.outside is None else of(self.outside).mean(0) >= 0.5,
+            trusted=None if self.trusted is None else of(self.trusted).astype(bool).all(0),
+            doubts=None if self.doubts is None else self.doubts.of_most(places),
         )
 
     def table(self) -> pd.DataFrame:
@@ -122,10 +132,6 @@ class Forecast:
 
 def _numpy(value: Array) -> np.ndarray:
     return np.asarray(value.cpu() if isinstance(value, Tensor) else value)
-
-
-def _numpy_of(values: Mapping[str, Array]) -> dict[str, np.ndarray]:
-    return {name: _numpy(value) for name, value in values.items()}
 
 
 def labelled(name: str, unit: str) -> str:

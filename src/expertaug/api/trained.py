@@ -231,7 +231,7 @@ class TrainedModel:
             None if value is None else arguments.like(value[0] if self.single else value, window)
             for value in (chi2, misfit, self._probability(chi2, windows), outside, trusted)
         ]
-        return Forecast(t, y, named, units, self.seeds, std, *each, doubts=doubts)
+        return Forecast(t, y, named, units, self.seeds, std, *each, doubts=doubts, failed=self.stored.failed)
 
     def estimate(
         self,

@@ -14,15 +14,16 @@ from matplotlib.lines import Line2D
 from expertaug import plotting
 from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.intervals import interval, log_mean, units_of
+from expertaug.evaluation.metrics import log_mse_of
 from expertaug.evaluation.settings import Titles, WindowStudyJob
-from expertaug.evaluation.table import Study, Table
+from expertaug.evaluation.table import Cell, Study, Table
 from expertaug.evaluation.windows import VersionWindows, windows_of
 from expertaug.rows import frame, grouped
 from expertaug.versions import LINES
 
 SEED, MEAN, MEDIAN = "seed", "mean", "median"
+LOG_MSE = log_mse_of("sum")
 EMPTY = "No version has several seeds."
-MINUS = "−"
 SEED_LOOK: plotting.Look = {
     "color": plotting.HUES[5],
     "marker": "o",
@@ -122,16 +123,16 @@ def _table(scores: Sequence[SeedScore], titles: Titles, title: str) -> Table:
         rows = []
         for part in grouped(of_set, lambda score: score.method).values():
             (mean,), (median,) = ([score for score in part if score.of == of] for of in (MEAN, MEDIAN))
-            single = sorted(score.log_mse for score in part if score.of == SEED)
-            rows.append([mean.label, _text(mean), f"{single[0]:.2f}", f"{single[-1]:.2f}", _text(median)])
-        parts.append((titles.of_set(name), [[cell.replace("-", MINUS) for cell in row] for row in rows]))
+            single = [score.log_mse for score in part if score.of == SEED]
+            ends = [LOG_MSE.format(value)(value).replace("-", "−") for value in (min(single), max(single))]
+            rows.append([mean.label, _cell(mean), *ends, _cell(median)])
+        parts.append((titles.of_set(name), rows))
     head = ["method", "mean over seeds", "best seed", "worst seed", "median of the forecasts"]
     return Table(head, parts, 1, (), title, CAPTION, "seeds", empty=EMPTY)
 
 
-def _text(score: SeedScore) -> str:
-    ends = f" [{score.low:.2f}, {score.high:.2f}]" if np.isfinite(score.low) else ""
-    return f"{score.log_mse:.2f}{ends}"
+def _cell(score: SeedScore) -> Cell:
+    return Cell(LOG_MSE, score.log_mse, n=1, of=1, low=score.low, high=score.high)
 
 
 def _draw(scores: Sequence[SeedScore], job: WindowStudyJob, title: str) -> Figure:
@@ -149,7 +150,7 @@ def _draw(scores: Sequence[SeedScore], job: WindowStudyJob, title: str) -> Figur
             for score in of_set:
                 row = shown.index(score.method)
                 if score.of == SEED:
-                    axis.plot([score.log_mse], [row], **SEED_LOOK)
+                    axis.plot([score.log_mse], [row], zorder=3, **SEED_LOOK)  # not behind the diamond
                 elif score.of == MEDIAN:
                     axis.plot([score.low, score.high], [row, row], color=MEDIAN_LOOK["color"], linewidth=1.0)
                     axis.plot([score.log_mse], [row], **MEDIAN_LOOK)

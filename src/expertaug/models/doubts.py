@@ -6,7 +6,7 @@ None of these is seen in the forecast of the observed window, nor in χ² alone.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -52,10 +52,11 @@ class FitDoubts:
         """Whether anything is doubtful about a window's fit, (S, N)."""
         return self.stuck | self.at_bound.any(-1) | self.untold.any(-1)
 
-    def of_most(self) -> FitDoubts:
-        """What holds for half of the seeds or more, with an axis of one seed."""
+    def of_most(self, places: Sequence[int]) -> FitDoubts:
+        """What holds for half of some of the seeds or more, with an axis of one seed."""
         fields = ("stuck", "at_bound", "untold", "alone")
-        return replace(self, **{name: (getattr(self, name).double().mean(0) >= 0.5).unsqueeze(0) for name in fields})
+        halves = {name: getattr(self, name)[list(places)].double().mean(0) >= 0.5 for name in fields}
+        return replace(self, **{name: half.unsqueeze(0) for name, half in halves.items()})
 
     def reasons(self, window: int) -> list[str]:
         """Of one window, in words; what holds for half of the seeds or more."""
