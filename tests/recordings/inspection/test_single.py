@@ -10,6 +10,7 @@ import pytest
 import yaml
 from drawn import PAINT, draw, write_video
 
+from docs_pages import blocks
 from expertaug.config import load as config
 from expertaug.config import recording_settings
 from expertaug.errors import InputError
@@ -27,23 +28,8 @@ from expertaug_recordings.video.frame_store import run_stage as extract_frames
 FILES = [Path(__file__).parents[3] / "config" / "config.yaml"]
 OMEGA0, ALPHA, RATE, COUNT = 5.5, 0.08, 60, 1500
 ARM, PIVOT, SIZE = 92.0, (110.3, 60.4), (220, 190)
-SWING = yaml.safe_load("""
-run: [swing]
-experiments:
-  swing:
-    system: {name: pendulum}
-    data:
-      source: recordings
-      t1_s: 1.0
-      noise: 0.01
-      split: {length: 200, stride: 10, evaluation_stride: 10}
-    model:
-      encoder: {kind: window, windows: {theta: [0.0, 1.0], omega: [0.0, 1.0]}, layers: [64, 64], latent: 1}
-      interaction: {kind: damping, components: [omega]}
-    training: {epochs: 30, batch_size: 20, learning_rate: 3.0e-3, objective: {lambda0: 100.0, tau2: 5.0, every: 5}}
-    evaluation: {samples: 3, from_s: 0.0, convention: dim}
-    methods: [mean, expert_only, aphynity]
-""")
+SHOWN = {block.file: block.text for block in blocks(FILES[0].parents[1] / "docs" / "recordings.md")}
+SWING = {key: part for key, part in yaml.safe_load(SHOWN["swing.yaml"]).items() if key != "recordings"}
 
 
 def swung(start, count, omega0=OMEGA0):
