@@ -23,7 +23,6 @@ from typed_jobs import train
 
 T, NOISE, CPU = np.linspace(0.0, 10.0, 101), 0.01, torch.device("cpu")
 SCORING = Scoring(draws=8, drawn_samples=1)
-SET = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 
 
 @pytest.mark.parametrize("observed", others_slow([21, 51]))
@@ -54,8 +53,8 @@ def test_a_fit_of_the_right_equation_expects_the_error_that_it_has(observed):
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
-    data = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": NOISE, "sets": dict.fromkeys(("train", "validation"), SET)}
-    folder = tiny.simulated(tmp_path_factory.mktemp("expected"), data)
+    sets = dict.fromkeys(("train", "validation"), tiny.swings(12))
+    folder = tiny.simulated(tmp_path_factory.mktemp("expected"), tiny.DATA.model_copy(update={"sets": sets}))
     settings = tiny.SETTINGS | {
         "seeds": [4, 7],
         "model": {

@@ -16,13 +16,15 @@ from expertaug.errors import InputError
 from expertaug.inference.coordinates import given_components, seen_components
 from expertaug.inference.least_squares import estimator_of, refined_by
 from expertaug.inference.levenberg_marquardt import minimise
-from expertaug.inference.settings import RefinementSettings
 from expertaug.learning import train as train_stage
-from expertaug.learning.settings import UntrainedOptions
+from expertaug.learning.settings import SolverOnly, UntrainedOptions
 from expertaug.models import describe, store
 from expertaug.models.card import RecipeRecord
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates, unconstrain
+from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.presets import Choices
+from expertaug.systems.settings import SolverSettings
 from expertaug.systems.simulate import trajectories
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
@@ -112,16 +114,23 @@ def test_a_circuit_without_noise_is_found_exactly_from_many_starts():
 def test_the_true_equation_is_a_floor(name):
     system = systems.load({"name": name})
     t, ranges = T[:31], {"omega0": (1.5, 3.1)}
-    z_a, solver, noise = {"alpha": (0.1, 0.6)}, {}, NOISE
+    z_a, fit, training, noise = {"alpha": (0.1, 0.6)}, RefinementSettings(), SolverOnly(), NOISE
     if name == "reaction_diffusion":
         t, ranges = np.linspace(0, 1, 11), {"a": (0.001, 0.002), "b": (0.003, 0.007)}
-        z_a, solver, noise = {"k": (0.003, 0.005)}, {"method": "lawson4"}, 0.0
+        z_a, fit, noise = {"k": (0.003, 0.005)}, RefinementSettings(starts=8), 0.0
+        training = SolverOnly(solver=SolverSettings(method="lawson4"))
     data = trajectories(system, ranges, z_a, n=6, t=t, noise=noise)
-    given = {"settings": {"starts": 8} if solver else {}, "noise": noise, "prior": ranges}
-    settings = {"choices": {"observed_points": "inclusive"}, "seeds": [0, 1], "t1_s": float(t[-1])}
-    settings["training"] = {"solver": solver} if solver else {}
-    settings |= {"experiment": "e", "method": "truth", "label": "t", "preset": "corrected", "refinement": given}
-    settings = UntrainedOptions.from_mapping(settings)
+    settings = UntrainedOptions(
+        experiment="e",
+        method="truth",
+        label="t",
+        preset="corrected",
+        choices=Choices(observed_points="inclusive"),
+        seeds=[0, 1],
+        t1_s=float(t[-1]),
+        training=training,
+        refinement=Refinement(settings=fit, noise=noise, prior=ranges),
+    )
     described = RecipeRecord.of(system={"name": name}, interaction=False)
     stored = train_stage.make_expert_alone(system, data, settings, described, truth=True)
     y = torch.from_numpy(data.y).movedim(1, 0).unsqueeze(1).float()
