@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import torch
 from fake_runs import loaded, method_of, pairs, rows_of, tables_of, write_forecasts, write_logs, write_metrics
-from test_windows import CURVES, fake
+from test_windows import curves, fake
 
 from expertaug import plotting
 from expertaug.evaluation import dissipation, dots, estimates, grid, parameters, studies, traces, validity
@@ -22,16 +22,17 @@ from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.settings import (
     DissipationJob,
     EstimatesJob,
+    FittedVersion,
     GridJob,
     OverviewJob,
     PlotJob,
     StudyJob,
     ValidityJob,
-    WindowStudyJob,
 )
 from expertaug.evaluation.studies import study
 from expertaug.evaluation.summary import TabledMean, read_metrics
 from expertaug.inference.diagnostics.validity import Refit, Validity
+from expertaug.inference.settings import ValiditySettings
 from expertaug.tracking.log import read_log
 from nightly import others_slow
 
@@ -118,7 +119,7 @@ def test_single_windows(tmp_path, value):
     }
     forecasts = Forecasts.load(fake(tmp_path / "a.npz", "a", [0, 1], spoiled=spoiled))
     for study_of_windows in (alarm, coverage, distance):
-        drawn(study_of_windows([forecasts], WindowStudyJob.from_mapping(CURVES)).figure())
+        drawn(study_of_windows([forecasts], curves()).figure())
 
 
 def test_grid(value):
@@ -129,7 +130,7 @@ def test_grid(value):
 
 def test_dissipation(value):
     losses = [dissipation.Loss("e", "a", "A", 0, "", name, "all", 1, value, 0.0, value) for name in ("train", "test")]
-    job = DissipationJob.from_mapping({"experiment": "e", "versions": [["a", "A", None]], "device": "cpu"})
+    job = DissipationJob(experiment="e", versions=[FittedVersion("a", "A", None)], device="cpu")
     drawn(dissipation.draw(losses, job))
 
 
@@ -139,7 +140,7 @@ def test_validity(value):
     edges = np.linspace(0.0, 1.0, 4)
     along = Validity("omega0", edges, np.full(3, value), np.full(3, value), value, (0.0, 1.0))
     found = {"a": validity.OfVersion("A", {"train": refit, "test": refit}, along, "omega0", "1/s")}
-    job = ValidityJob.from_mapping({"experiment": "e", "versions": [], "validity": {}, "device": "cpu"})
+    job = ValidityJob(experiment="e", versions=[], validity=ValiditySettings(), device="cpu")
     figure = validity._draw(found, job, "title")
     drawn(figure)
     assert figure.legends[0].get_texts()[-1].get_text() == "range of the training windows' estimates"
