@@ -24,9 +24,11 @@ from expertaug.evaluation.settings import (
     EstimatesJob,
     FittedVersion,
     GridJob,
+    OverviewExperiment,
     OverviewJob,
     PlotJob,
     StudyJob,
+    StudyOptions,
     ValidityJob,
 )
 from expertaug.evaluation.studies import study
@@ -68,7 +70,7 @@ def test_estimates(value):
 def test_dots(metrics):
     job = PlotJob(**pairs(), floor=method_of("Mean"))
     rows = rows_of(tables_of(metrics))
-    one = {"name": "swing", "shown": True, "shifted": "test", "opponents": []}
+    one = OverviewExperiment(name="swing", shown=True, shifted="test", opponents=[])
     of_all = dots.overview(rows, OverviewJob(experiments=[one], hues=[]))
     for figure in (dots.log_mse(rows, job), dots.parameter_errors(rows, job), *of_all.values()):
         drawn(figure)
@@ -77,7 +79,7 @@ def test_dots(metrics):
 @pytest.mark.parametrize("name", ["out_of_expertise", "horizons", "prior_width"])
 def test_studies(metrics, name):
     labels = [(method_of(label), label) for label in ("Hybrid", "Hybrid+")]
-    options = {"distances": ["none"], "panels": [("near", ["test"])]}
+    options = StudyOptions(distances=["none"], panels=[("near", ["test"])])
     priors = {"hybrid": {"": {"omega0": (0.5, 1.5)}}}
     job = StudyJob(study=name, labels=labels, options=options, priors=priors, hues=[("hybrid", 0)])
     drawn(study(read_metrics(metrics), job).figure())

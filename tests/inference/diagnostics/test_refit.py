@@ -60,9 +60,9 @@ def test_f_a_changes_where_it_lacks_something():
     right, truth, data = made(0.0, (1.5, 3.1))
     lacking, _, _ = made(0.3, (0.8, 1.5))
     model = stored(Decoder(systems.load({"name": "pendulum"}), Friction()), data)
-    told = {"starts": 16, "tries": 2, "steps": 15}
-    own = refit(model, right, NOISE, PRIOR, told, HOW, truth)
-    other = refit(model, lacking, NOISE, PRIOR, told, HOW)
+    fit = RefinementSettings(starts=16, tries=2, steps=15)
+    own = refit(model, right, NOISE, PRIOR, fit, HOW, truth)
+    other = refit(model, lacking, NOISE, PRIOR, fit, HOW)
     assert own.z_e.shape == (2, 16, 1) and own.chi2.shape == own.squares.shape == (2, 16) and other.wrong is None
     assert own.change().max() < 0.1 and other.change().min() > 3 * own.change().max()
     assert other.chi2_after.mean() < 0.9 * other.chi2.mean() and 0.7 < own.chi2.median() < 1.3
