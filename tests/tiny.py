@@ -7,17 +7,21 @@ import pytest
 
 from expertaug.learning.trainer import Trainer
 from expertaug.presets import resolve
-from expertaug.systems.settings import SimulateJob
+from expertaug.systems.settings import PendulumSettings, SimulatedData, SimulatedSet, SimulateJob, SystemSettings
 from expertaug.systems.simulate import simulate
 
-RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
-DATA = {
-    "seed": 0,
-    "step_s": 0.1,
-    "t2_s": 2.0,
-    "noise": 0.01,
-    "sets": {"train": RANGES | {"size": 40}, "validation": RANGES | {"size": 10}, "test": RANGES | {"size": 10}},
-}
+
+def swings(size: int, alpha: tuple[float, float] = (0.0, 0.6)) -> SimulatedSet:
+    return SimulatedSet(size=size, z_e={"omega0": (1.5, 3.1)}, z_a={"alpha": alpha})
+
+
+DATA = SimulatedData(
+    seed=0,
+    step_s=0.1,
+    t2_s=2.0,
+    noise=0.01,
+    sets={"train": swings(40), "validation": swings(10), "test": swings(10)},
+)
 SETTINGS = {
     "experiment": "pendulum",
     "method": "aphynity",
@@ -48,10 +52,11 @@ def data(tmp_path_factory):
     return simulated(tmp_path_factory.mktemp("pendulum"), DATA)
 
 
-def simulated(folder: Path, data: dict) -> Path:
-    """A folder with the sets of pendulums that ``data`` describes."""
-    for name in data["sets"]:
-        simulate(name, folder / f"{name}.npz", SimulateJob.from_mapping({"system": {"name": "pendulum"}, "data": data}))
+def simulated(folder: Path, data: SimulatedData, system: SystemSettings | None = None) -> Path:
+    """A folder with the sets that ``data`` describes, of pendulums or another system."""
+    job = SimulateJob(system=system or PendulumSettings(), data=data)
+    for name in data.sets:
+        simulate(name, folder / f"{name}.npz", job)
     return folder
 
 

@@ -10,6 +10,7 @@ import yaml
 from small_pendulum import ENCODER, FRICTION, INTERACTION, OPTIONS, SEEN, SHIFTED
 
 import expertaug as ea
+import tiny
 from expertaug.cli import main
 from expertaug.config import stage_settings
 from expertaug.config.jobs import seed_groups
@@ -17,14 +18,12 @@ from expertaug.config.load import load, validate, with_defaults
 from expertaug.evaluation.forecasts import Forecasts
 from expertaug.learning.augment import load as load_augmented
 from expertaug.presets import resolve
-from expertaug.systems.settings import SimulateJob
-from expertaug.systems.simulate import simulate
+from expertaug.systems.settings import SimulatedData, SimulatedSet
 from typed_jobs import augment, evaluate, finetune, train
 
-RANGES = {"z_e": {"omega0": list(SEEN["omega0"])}, "z_a": {"alpha": list(FRICTION["alpha"])}}
 SIZES = {"train": 40, "validation": 10, "test": 10}
-DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.01}
-DATA["sets"] = {name: {"size": n, **RANGES} for name, n in SIZES.items()}
+SETS = {name: SimulatedSet(size=n, z_e=SEEN, z_a=FRICTION) for name, n in SIZES.items()}
+DATA = SimulatedData(seed=0, step_s=0.1, t2_s=2.0, noise=0.01, sets=SETS)
 COMMON = {
     "experiment": "pendulum",
     "preset": "corrected",
@@ -39,8 +38,7 @@ TIMES = torch.arange(21) * 0.1
 @pytest.fixture(scope="module")
 def stages(tmp_path_factory):
     folder = tmp_path_factory.mktemp("stages")
-    for name in DATA["sets"]:
-        simulate(name, folder / f"{name}.npz", SimulateJob.from_mapping({"system": {"name": "pendulum"}, "data": DATA}))
+    tiny.simulated(folder, DATA)
     model, samples, tuned = (folder / f"{name}.safetensors" for name in ("model", "samples", "tuned"))
     system = {"system": {"name": "pendulum"}, "build": {"kind": "hybrid"}, "t1_s": 1.0, "training": OPTIONS}
     parts = {"encoder": ENCODER, "interaction": INTERACTION}
@@ -117,7 +115,7 @@ def command_line(tmp_path_factory):
     folder = tmp_path_factory.mktemp("command_line")
     own = {
         "system": {"name": "pendulum"},
-        "data": {"source": "simulation", "t1_s": 1.0} | DATA,
+        "data": {"source": "simulation", "t1_s": 1.0} | DATA.to_json(),
         "model": {"encoder": ENCODER, "interaction": INTERACTION},
         "training": OPTIONS,
         "finetuning": OPTIONS,

@@ -80,8 +80,7 @@ def test_the_mean_of_a_workflow_can_be_used(sets, tmp_path):
     from expertaug.presets import resolve
 
     names = dict.fromkeys(("experiment", "method", "label"), "mean") | {"preset": "corrected"}
-    settings = {**names, "choices": resolve("corrected"), "seeds": [0, 1], "training": {}, "t1_s": 1.0}
-    settings = UntrainedOptions.from_mapping(settings)
+    settings = UntrainedOptions(**names, choices=resolve("corrected"), seeds=[0, 1], t1_s=1.0)
     described = RecipeRecord(system={"name": "pendulum"})
     stored = make_untrained("mean", ea.DampedPendulum(), sets["train"], settings, described)
     store.save(tmp_path / "m.safetensors", stored.model, stored.card)

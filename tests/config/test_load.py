@@ -411,10 +411,10 @@ def test_slices_are_settings_of_their_stages(base, tmp_path):
         own = {"rendered": {}, "videos": {"path": str(tmp_path), "from_s": 0.5, "to_s": 2.0}}
         over = {"recordings": {"source": source, source: own.get(source, {"path": str(tmp_path)})}}
         found = config.validate(config.merge(base, over))
-        RenderVideoJob.from_mapping(recording_settings.render_video(found))
-        ExtractFramesJob.from_mapping(recording_settings.extract_frames(found))
-        TrackMarkersJob.from_mapping(recording_settings.track_markers(found))
         for kind, settings in (
+            (RenderVideoJob, recording_settings.render_video(found)),
+            (ExtractFramesJob, recording_settings.extract_frames(found)),
+            (TrackMarkersJob, recording_settings.track_markers(found)),
             (UnpackMarkersJob, recording_settings.unpack_markers(found)),
             (ImportMarkersJob, recording_settings.import_markers(found)),
             (MeasureAnglesJob, recording_settings.measure_angles(found)),

@@ -11,6 +11,7 @@ import expertaug as ea
 from expertaug.evaluation.forecasting import of_own_windows
 from expertaug.inference.diagnostics.validity import refit
 from expertaug.models.gaps import Gaps
+from expertaug.models.settings import RefinementSettings
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows, fill
 from seen import seen
@@ -95,7 +96,7 @@ def test_windows_are_fitted_and_drawn_from(fit, gappy):
     band = ea.predictive(refined, window, test.t, u=test.u, draws=9)
     assert np.isfinite(band.quantiles).all()
     windows = Windows.of(test).until(fit.observed)
-    changed = refit(refined.stored, windows, 0.01, PRIOR, {"starts": 8, "tries": 1})
+    changed = refit(refined.stored, windows, 0.01, PRIOR, RefinementSettings(starts=8, tries=1))
     assert torch.isfinite(changed.change()).all() and torch.isfinite(changed.chi2_after).all()
 
 
@@ -129,7 +130,7 @@ def test_drawn_forecasts_are_scored_where_something_was_measured(fit, gappy):
     assert np.isnan(scored.drawn.crps[:, 2]).all() and np.isfinite(np.delete(scored.drawn.crps, 2, 1)).all()
     assert np.isfinite(scored.values["crps"]).all() and np.isfinite(scored.values["forecast_coverage_90"]).all()
     drawing = drawing_of(stored, scoring, 0.01, gappy["train"].t, "y0", CPU)
-    own, _ = of_own_windows(stored, gappy["train"], OwnWindows.of(prior=PRIOR), 0.01, 6, drawing)
+    own, _ = of_own_windows(stored, gappy["train"], OwnWindows(prior=PRIOR), 0.01, 6, drawing)
     assert own.ranks.shape[1] == own.crps.shape[1] > 0
 
 

@@ -40,11 +40,13 @@ def table_of(folder, experiment):
     return path
 
 
+def asked(axes, labels):
+    return DataCurvesJob(experiment="many", axes=list(axes.items()), labels=list(labels.items()), floor="floor")
+
+
 def job(**axes):
-    points = {"samples": [(20, "few"), (1000, "many")], "noise": [(0.0, "clean"), (0.01, "many")]} | axes
-    return DataCurvesJob.from_mapping(
-        {"experiment": "many", "axes": list(points.items()), "labels": list(LABELS.items()), "floor": "floor"}
-    )
+    points = {"samples": [(20, "few"), (1000, "many")], "noise": [(0.0, "clean"), (0.01, "many")]}
+    return asked(points | axes, LABELS)
 
 
 def test_a_row_is_a_point_and_a_method_and_a_line_its_intervals(tmp_path, drawn):
@@ -93,7 +95,6 @@ def test_a_panel_has_seven_lines_with_the_floor():
     rows = long("many")
     fits = [row for row in rows if row.method == "fit"]
     rows += [replace(row, method=f"m{k}", label=f"M{k}") for k in range(9) for row in fits]
-    settings = {"experiment": "many", "axes": [["samples", [[1000, "many"]]]], "floor": "floor"}
-    labels = [*LABELS.items(), *((f"m{k}", f"M{k}") for k in range(9))]
-    study = data_curves(rows, DataCurvesJob.from_mapping(settings | {"labels": labels}))
+    labels = LABELS | {f"m{k}": f"M{k}" for k in range(9)}
+    study = data_curves(rows, asked({"samples": [(1000, "many")]}, labels))
     assert [len(axis.containers) for axis in study.figure().axes] == [7, 7]

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import torch
 from fake_runs import loaded, method_of, pairs, rows_of, tables_of, write_forecasts, write_logs, write_metrics
-from test_windows import CURVES, fake
+from test_windows import curves, fake
 
 from expertaug import plotting
 from expertaug.evaluation import dissipation, dots, estimates, grid, parameters, studies, traces, validity
@@ -22,16 +22,19 @@ from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.settings import (
     DissipationJob,
     EstimatesJob,
+    FittedVersion,
     GridJob,
+    OverviewExperiment,
     OverviewJob,
     PlotJob,
     StudyJob,
+    StudyOptions,
     ValidityJob,
-    WindowStudyJob,
 )
 from expertaug.evaluation.studies import study
 from expertaug.evaluation.summary import TabledMean, read_metrics
 from expertaug.inference.diagnostics.validity import Refit, Validity
+from expertaug.inference.settings import ValiditySettings
 from expertaug.tracking.log import read_log
 from nightly import others_slow
 
@@ -67,7 +70,7 @@ def test_estimates(value):
 def test_dots(metrics):
     job = PlotJob(**pairs(), floor=method_of("Mean"))
     rows = rows_of(tables_of(metrics))
-    one = {"name": "swing", "shown": True, "shifted": "test", "opponents": []}
+    one = OverviewExperiment(name="swing", shown=True, shifted="test", opponents=[])
     of_all = dots.overview(rows, OverviewJob(experiments=[one], hues=[]))
     for figure in (dots.log_mse(rows, job), dots.parameter_errors(rows, job), *of_all.values()):
         drawn(figure)
@@ -76,7 +79,7 @@ def test_dots(metrics):
 @pytest.mark.parametrize("name", ["out_of_expertise", "horizons", "prior_width"])
 def test_studies(metrics, name):
     labels = [(method_of(label), label) for label in ("Hybrid", "Hybrid+")]
-    options = {"distances": ["none"], "panels": [("near", ["test"])]}
+    options = StudyOptions(distances=["none"], panels=[("near", ["test"])])
     priors = {"hybrid": {"": {"omega0": (0.5, 1.5)}}}
     job = StudyJob(study=name, labels=labels, options=options, priors=priors, hues=[("hybrid", 0)])
     drawn(study(read_metrics(metrics), job).figure())
@@ -118,7 +121,7 @@ def test_single_windows(tmp_path, value):
     }
     forecasts = Forecasts.load(fake(tmp_path / "a.npz", "a", [0, 1], spoiled=spoiled))
     for study_of_windows in (alarm, coverage, distance):
-        drawn(study_of_windows([forecasts], WindowStudyJob.from_mapping(CURVES)).figure())
+        drawn(study_of_windows([forecasts], curves()).figure())
 
 
 def test_grid(value):
@@ -129,7 +132,7 @@ def test_grid(value):
 
 def test_dissipation(value):
     losses = [dissipation.Loss("e", "a", "A", 0, "", name, "all", 1, value, 0.0, value) for name in ("train", "test")]
-    job = DissipationJob.from_mapping({"experiment": "e", "versions": [["a", "A", None]], "device": "cpu"})
+    job = DissipationJob(experiment="e", versions=[FittedVersion("a", "A", None)], device="cpu")
     drawn(dissipation.draw(losses, job))
 
 
@@ -139,7 +142,7 @@ def test_validity(value):
     edges = np.linspace(0.0, 1.0, 4)
     along = Validity("omega0", edges, np.full(3, value), np.full(3, value), value, (0.0, 1.0))
     found = {"a": validity.OfVersion("A", {"train": refit, "test": refit}, along, "omega0", "1/s")}
-    job = ValidityJob.from_mapping({"experiment": "e", "versions": [], "validity": {}, "device": "cpu"})
+    job = ValidityJob(experiment="e", versions=[], validity=ValiditySettings(), device="cpu")
     figure = validity._draw(found, job, "title")
     drawn(figure)
     assert figure.legends[0].get_texts()[-1].get_text() == "range of the training windows' estimates"

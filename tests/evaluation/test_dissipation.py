@@ -1,6 +1,5 @@
 """Power that models dissipate beside the loss of energy: of a friction that is known."""
 
-import json
 import math
 import sys
 from pathlib import Path
@@ -20,7 +19,7 @@ from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.evaluation.dissipation import Loss, dissipated_power, draw, measured_loss
 from expertaug.evaluation.dissipation import run_stage as dissipation
-from expertaug.evaluation.settings import DissipationJob
+from expertaug.evaluation.settings import DissipationJob, FittedVersion
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates
@@ -132,15 +131,12 @@ def save(path, method, seeds=(0, 1), friction=None, name="double_pendulum"):
     return path
 
 
-SETTINGS = {
-    "experiment": "swing",
-    "versions": [["rubbing", "With friction", None], ["half", "Half of it", None]],
-    "hues": [["rubbing", 0], ["half", 1]],
-    "set_titles": {},
-    "title": None,
-    "device": "cpu",
-}
-JOB = DissipationJob.from_mapping(SETTINGS)
+def asked(**versions):
+    fitted = [FittedVersion(name, label, None) for name, label in versions.items()]
+    return DissipationJob(experiment="swing", versions=fitted, hues=[("rubbing", 0), ("half", 1)], device="cpu")
+
+
+JOB = asked(rubbing="With friction", half="Half of it")
 
 
 @pytest.fixture
@@ -179,7 +175,7 @@ def test_the_stage_by_recording(folder, drawn):
 def test_a_model_that_dissipates_far_too_much_leaves_the_others_their_room():
     rows = [("whole", 2.0), ("half", 1.0), ("half~refined", -300.0)]
     losses = [Loss("e", name, name, 0, "", "test", r, 9, 2.0, 0.1, lost) for name, lost in rows for r in "ab"]
-    job = DissipationJob.from_mapping(SETTINGS | {"versions": [[name, name, None] for name, _ in rows]})
+    job = asked(**{name: name for name, _ in rows})
     (axis,) = draw(losses, job).axes
     assert axis.get_yscale() == "symlog" and list(axis.get_yticks()) == [-1000, -100, -10, -2, 0, 2, 10, 100, 1000]
     markers = [line.get_marker() for line in axis.lines if line.get_linestyle() == "None"]
@@ -193,5 +189,5 @@ def test_refusals(folder, capsys):
     with pytest.raises(InputError, match="a model of 'third'; give those of rubbing, half"):
         dissipation([other], folder, [folder / "o.csv"], JOB)
     arguments = ["dissipation", str(other), "--data", str(folder), "--output", str(folder / "o.csv")]
-    assert main([*arguments, "--settings", json.dumps(SETTINGS)]) == 2
+    assert main([*arguments, "--settings", JOB.model_dump_json()]) == 2
     assert "third" in capsys.readouterr().err

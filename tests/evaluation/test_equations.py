@@ -8,8 +8,9 @@ import pandas as pd
 import expertaug as ea
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
+from expertaug.equation.settings import EquationSettings
 from expertaug.evaluation.equations import run_stage
-from expertaug.evaluation.settings import EquationJob
+from expertaug.evaluation.settings import EquationJob, FittedVersion
 
 ROOT = Path(__file__).parents[2]
 T = np.arange(31) * 0.1
@@ -23,13 +24,11 @@ def test_the_table_names_the_terms_and_what_they_gain(tmp_path):
         sets[name].save(tmp_path / f"{name}.npz")
     how = {"prior": {"omega0": (1.0, 3.0)}, "noise": 0.02, "units": {"omega0": "shared"}}
     ea.least_squares(ea.DampedPendulum(), sets["train"], observed_s=1.5, **how).save(tmp_path / "model.safetensors")
-    job = EquationJob.from_mapping(
-        {
-            "experiment": "pendulum",
-            "versions": [["least_squares", "Least squares", None]],
-            "equation": {"most_terms": 2, "by_hand": ["omega: abs(omega)*omega"]},
-            "device": "cpu",
-        }
+    job = EquationJob(
+        experiment="pendulum",
+        versions=[FittedVersion("least_squares", "Least squares", None)],
+        equation=EquationSettings(most_terms=2, by_hand=["omega: abs(omega)*omega"]),
+        device="cpu",
     )
     outputs = [tmp_path / f"equation.{end}" for end in ("csv", "md", "tex")]
     run_stage([tmp_path / "model.safetensors"], tmp_path, outputs, job)

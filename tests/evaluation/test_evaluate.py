@@ -15,31 +15,31 @@ import tiny
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation import evaluate as evaluation_module
 from expertaug.evaluation import score
+from expertaug.evaluation.evaluate import run_stage as evaluate
 from expertaug.evaluation.forecasting import forecast
 from expertaug.evaluation.forecasts import Forecasts, read_forecasts
 from expertaug.evaluation.log_evaluations import run_stage as log_evaluations
 from expertaug.evaluation.samples import Samples
-from expertaug.evaluation.settings import EvaluateJob
+from expertaug.evaluation.settings import EvaluateJob, Scoring
 from expertaug.evaluation.tabulate import run_stage as tabulate
 from expertaug.models import store
 from expertaug.models.decoder import MeanModel
+from expertaug.presets import Choices
 from expertaug.systems.reaction_diffusion import ReactionDiffusion
-from expertaug.systems.settings import SimulateJob
-from expertaug.systems.simulate import simulate
+from expertaug.systems.settings import SimulatedData, SolverSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import SetFolder, Trajectories
 from expertaug.windows import Windows
 from nightly import others_slow
 from seen import seen
-from typed_jobs import evaluate, train
+from typed_jobs import train
 
-RANGES = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
-DATA = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.0}
-DATA["sets"] = dict.fromkeys(("train", "validation", "iid", "test"), RANGES)
-COMMON = {"experiment": "pendulum", "preset": "corrected", "seeds": [4, 7], "device": "cpu"}
+SETS = dict.fromkeys(("train", "validation", "iid", "test"), tiny.swings(12))
+DATA = SimulatedData(seed=0, step_s=0.1, t2_s=2.0, noise=0.0, sets=SETS)
+SEEDS = [4, 7]
 TRAINING = tiny.SETTINGS | {
-    "seeds": COMMON["seeds"],
+    "seeds": SEEDS,
     "model": {
         "encoder": {"kind": "recurrent", "hidden": 4, "layers": [4]},
         "interaction": {"kind": "mlp", "layers": [4, 4]},
@@ -59,11 +59,23 @@ def folder(tmp_path_factory):
     return folder
 
 
-def run(folder, model="model", choices=None, **evaluation):
+def asked(method="a", label="a", evaluation=None, start="y0", seeds=SEEDS, **sets):
+    return EvaluateJob(
+        experiment="pendulum",
+        method=method,
+        label=label,
+        preset="corrected",
+        choices=Choices(forecast_start=start),
+        seeds=seeds,
+        evaluation=evaluation or Scoring(),
+        **sets,
+    )
+
+
+def run(folder, model="model", start="y0", samples=2, **evaluation):
     outputs = [folder / f"{model}.csv", folder / f"{model}.npz"]
-    settings = COMMON | {"method": model, "label": model, "evaluation": {"samples": 2} | evaluation}
-    settings["choices"] = {"forecast_start": "y0"} | (choices or {})
-    evaluate(folder / f"{model}.safetensors", folder, *outputs, settings)
+    job = asked(model, model, Scoring(samples=samples, **evaluation), start)
+    evaluate(folder / f"{model}.safetensors", folder, *outputs, job)
     table = pd.read_csv(outputs[0])
     return table.set_index(["seed", "set", "metric"])["value"], Forecasts.load(outputs[1])
 
@@ -82,8 +94,7 @@ class Asked(SetFolder):
 
 def test_in_memory_it_gives_what_the_stage_writes_and_asks_for_a_set_at_a_time(folder):
     _, written = run(folder)
-    settings = COMMON | {"method": "model", "label": "model", "evaluation": {"samples": 2}}
-    job = EvaluateJob.from_mapping(settings | {"choices": {"forecast_start": "y0"}})
+    job = asked("model", "model", Scoring(samples=2))
     sets = Asked(folder)
     evaluation = evaluation_module.evaluate(store.load(folder / "model.safetensors"), sets, job)
     assert sets.names == job.sets, "none is read twice"
@@ -129,7 +140,7 @@ def test_metrics_of_every_seed_and_set_follow_from_the_forecasts(folder):
 
 def test_forecasts_carry_where_their_samples_come_from(folder, tmp_path):
     assert all(kept.id is None for kept in run(folder)[1].kept.values())
-    for name in DATA["sets"]:
+    for name in DATA.sets:
         one = Trajectories.load(folder / f"{name}.npz")
         names = None if name == "train" else np.array([f"r{k % 3}/{10 * k}" for k in range(len(one))])
         Trajectories(one.t, one.y, one.z_e, one.z_a, names).save(tmp_path / f"{name}.npz")
@@ -169,10 +180,9 @@ def test_what_an_estimate_costs_is_told_for_each_window(folder, monkeypatch):
 
 def test_further_sets_are_scored_but_no_forecasts_kept(folder):
     (folder / "near.npz").write_bytes((folder / "test.npz").read_bytes())
-    settings = COMMON | {"method": "a", "label": "a", "evaluation": {}, "choices": {"forecast_start": "y0"}}
     outputs = folder / "further.csv", folder / "further.npz"
     sets = ["train", "validation", "test", "near"]
-    evaluate(folder / "model.safetensors", folder, *outputs, settings | {"sets": sets})
+    evaluate(folder / "model.safetensors", folder, *outputs, asked(sets=sets))
     table = pd.read_csv(outputs[0]).set_index(["seed", "set", "metric"])["value"]
     assert table[4, "near", "log_mse_sum"] == table[4, "test", "log_mse_sum"]
     assert list(Forecasts.load(outputs[1]).kept) == ["validation", "test"]
@@ -180,10 +190,9 @@ def test_further_sets_are_scored_but_no_forecasts_kept(folder):
 
 def test_errors_of_every_sample_are_kept_and_give_the_metrics(folder):
     (folder / "near.npz").write_bytes((folder / "test.npz").read_bytes())
-    settings = COMMON | {"method": "a", "label": "A", "evaluation": {}, "choices": {"forecast_start": "y0"}}
     outputs = folder / "kept.csv", folder / "kept.npz"
     sets = ["train", "validation", "iid", "test", "near"]
-    evaluate(folder / "model.safetensors", folder, *outputs, settings | {"sets": sets})
+    evaluate(folder / "model.safetensors", folder, *outputs, asked(label="A", sets=sets))
     values = pd.read_csv(outputs[0]).set_index(["seed", "set", "metric"])["value"]
     arrays = np.load(outputs[1])
     assert list(arrays["version"]) == ["pendulum", "corrected", "a"]
@@ -224,13 +233,10 @@ def test_times_after_the_observed_window_are_also_scored_alone(folder):
 
 def test_longer_sets_are_forecast_from_the_same_windows(folder):
     """Samples of them are those of other sets, so that errors of single ones are kept of these alone."""
-    long = {**DATA, "t2_s": 4.0, "sets": {"long": RANGES}}
-    job = SimulateJob.from_mapping({"system": {"name": "pendulum"}, "data": long})
-    simulate("long", folder / "long.npz", job)
-    settings = COMMON | {"method": "a", "label": "a", "choices": {"forecast_start": "y0"}}
-    settings |= {"evaluation": {}, "sets": ["train", "validation", "test", "long"]}
+    tiny.simulated(folder, DATA.model_copy(update={"t2_s": 4.0, "sets": {"long": tiny.swings(12)}}))
     outputs = folder / "long.csv", folder / "long_forecasts.npz"
-    evaluate(folder / "model.safetensors", folder, *outputs, settings)
+    job = asked(sets=["train", "validation", "test", "long"])
+    evaluate(folder / "model.safetensors", folder, *outputs, job)
     values = pd.read_csv(outputs[0]).set_index(["seed", "set", "metric"])["value"]
     stored, truth = store.load(folder / "model.safetensors"), Trajectories.load(folder / "long.npz")
     y = torch.from_numpy(truth.y).movedim(1, 0).unsqueeze(1).expand(-1, 2, -1, -1)
@@ -249,9 +255,8 @@ def test_a_longer_forecast_may_go_as_far_as_it_is_long(folder, monkeypatch):
     save_as(folder, "far", lambda model: {"bound": [100.0, 50.0]})
     limits = []
     monkeypatch.setattr(score, "forecast", lambda *args: (limits.append(args[4]), forecast(*args))[1])
-    settings = COMMON | {"method": "a", "label": "a", "evaluation": {}, "choices": {"forecast_start": "y0"}}
     outputs = folder / "slow.csv", folder / "slow_forecasts.npz"
-    evaluate(folder / "far.safetensors", folder, *outputs, settings | {"sets": ["test", "slow"]})
+    evaluate(folder / "far.safetensors", folder, *outputs, asked(sets=["test", "slow"]))
     found = [limit.flatten(0, -2).amax(0).tolist() for limit in limits]
     assert found == [[100.0, 50.0], [200.0, 100.0]]
 
@@ -272,7 +277,7 @@ def test_the_mean_of_fields_is_forecast_for_any_number_of_windows(count):
 
 
 def test_a_forecast_from_the_last_observed_point_shows_the_observation(folder):
-    _, forecasts = run(folder, choices={"forecast_start": "y_t1"})
+    _, forecasts = run(folder, start="y_t1")
     np.testing.assert_allclose(
         forecasts.kept["test"].prediction[0, :, :11], forecasts.kept["test"].truth[:, :11], atol=1e-6
     )
@@ -299,10 +304,9 @@ def evaluated(folder, tmp_path):
     """Forecasts of two versions, each in a folder of its own as the workflow has them."""
     found = []
     for name in ("model", "mean"):
-        settings = COMMON | {"method": name, "label": name.upper(), "evaluation": {}}
-        settings["choices"] = {"forecast_start": "y0"}
         found.append(tmp_path / name / "forecasts.npz")
-        evaluate(folder / f"{name}.safetensors", folder, tmp_path / name / "metrics.csv", found[-1], settings)
+        job = asked(name, name.upper())
+        evaluate(folder / f"{name}.safetensors", folder, tmp_path / name / "metrics.csv", found[-1], job)
     return found
 
 
@@ -318,11 +322,11 @@ def test_figures_and_metrics_are_artifacts_of_the_tracked_runs(evaluated, tmp_pa
     client = mlflow.MlflowClient(tracking.uri)
     experiment = client.get_experiment_by_name("test pendulum").experiment_id
     runs = {run.info.run_id: run for run in client.search_runs([experiment])}
-    assert len(runs) == len(client.search_runs([experiment])) == 2 + 2 * len(COMMON["seeds"])
+    assert len(runs) == len(client.search_runs([experiment])) == 2 + 2 * len(SEEDS)
     names = {"metrics.csv", "forecasts.png", "parameters.png"}
     made = json.loads((tmp_path / "evaluations.json").read_text())["runs"]  # which run has the numbers of a row
     for label in ("MODEL", "MEAN"):
-        for seed in COMMON["seeds"]:
+        for seed in SEEDS:
             run = runs[made[label][str(seed)]]
             assert {f.path for f in client.list_artifacts(run.info.run_id)} == names
             assert "test/log_mse_sum" in run.data.metrics and run.data.tags["rule"] == "evaluate"
@@ -362,13 +366,7 @@ def test_what_reads_evaluations_does_without_torch(stage):
 
 def test_other_seeds_are_refused(folder):
     with pytest.raises(InputError, match=r"holds seeds \[4, 7\].*expected \[1\]"):
-        evaluate(
-            folder / "model.safetensors",
-            folder,
-            folder / "x.csv",
-            folder / "x.npz",
-            COMMON | {"seeds": [1], "method": "a", "label": "a", "evaluation": {}, "choices": {"forecast_start": "y0"}},
-        )
+        evaluate(folder / "model.safetensors", folder, folder / "x.csv", folder / "x.npz", asked(seeds=[1]))
     assert not (folder / "x.csv").exists()
 
 
@@ -384,8 +382,8 @@ def test_forecasts_that_are_not_finite_count_at_the_bound(folder):
         model.interaction.rest.layers[-1].bias.data[1] = 3e38  # its forecasts overflow
 
     save_as(folder, "broken", break_second_seed)
-    values, forecasts = run(folder, "broken", solver={"method": "rk4"})
-    good, _ = run(folder, solver={"method": "rk4"})
+    values, forecasts = run(folder, "broken", solver=SolverSettings(method="rk4"))
+    good, _ = run(folder, solver=SolverSettings(method="rk4"))
     assert values[4, "test", "runaway_share"] == 0 and values[7, "test", "runaway_share"] == 1
     assert values[4, "test", "log_mse_sum"] == good[4, "test", "log_mse_sum"]
     assert np.isfinite(values).all() and np.isfinite(forecasts.kept["test"].prediction).all()
@@ -427,7 +425,7 @@ def test_a_model_file_from_before_there_was_a_bound(folder):
         return {"bound": None}
 
     save_as(folder, "old", break_it)
-    values, _ = run(folder, "old", solver={"method": "rk4"})
+    values, _ = run(folder, "old", solver=SolverSettings(method="rk4"))
     assert np.isfinite(values[4]).all() and np.isnan(values[7, "test", "log_mse_sum"])
     assert values[7, "test", "runaway_share"] == 1
 

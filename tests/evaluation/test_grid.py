@@ -85,10 +85,10 @@ def model(folder, method, seeds, scores, epochs):
 def test_table_and_figure_put_the_best_validation_score_first(tmp_path):
     models = [model(tmp_path, "a@1", [0, 1], [-1.0, -2.0], [3, 5]), model(tmp_path, "a@1", [2], [-3.0], [4])]
     models += [model(tmp_path, "a@2", [0, 1], [-4.0, None], [2, 2]), model(tmp_path, "a@2", [2], [-5.0], [2])]
-    points = [["a@1", [0.001, [16]]], ["a@2", [0.003, [50, 50]]]]
-    settings = {"experiment": "lab", "label": "A", "keys": ["training.learning_rate", "model.layers"], "points": points}
+    points = [("a@1", [0.001, [16]]), ("a@2", [0.003, [50, 50]])]
+    job = GridJob(experiment="lab", label="A", keys=["training.learning_rate", "model.layers"], points=points)
     outputs = [tmp_path / f"grid.{end}" for end in ("csv", "md", "tex", "png", "pdf")]
-    stage(models, outputs, GridJob.from_mapping(settings))
+    stage(models, outputs, job)
     table = pd.read_csv(outputs[0])
     assert list(table["point"]) == ["a@1", "a@2"] and list(table["model.layers"]) == ["[16]", "[50, 50]"]
     assert list(table["mean"]) == [-2.0, -4.5] and list(table["n"]) == [3, 2] and list(table["of"]) == [3, 3]
@@ -97,6 +97,6 @@ def test_table_and_figure_put_the_best_validation_score_first(tmp_path):
     assert "−4.50 ± 0.71 (2/3)" in rows[0]
     assert all(path.stat().st_size > 300 for path in outputs[1:])
     with pytest.raises(InputError, match="no model of this point"):
-        stage(models[:2], outputs, GridJob.from_mapping(settings))
+        stage(models[:2], outputs, job)
     with pytest.raises(InputError, match=r"a model of 'a@2'"):
-        stage(models, outputs, GridJob.from_mapping(settings | {"points": points[:1]}))
+        stage(models, outputs, job.model_copy(update={"points": points[:1]}))

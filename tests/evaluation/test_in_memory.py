@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from test_dissipation import JOB, motion, pendulum
-from test_windows import CURVES, N
+from test_windows import N, curves
 
 from cards import card
 from expertaug.evaluation.alarms import alarm
@@ -31,7 +31,7 @@ from expertaug.evaluation.settings import (
     ReportExperiment,
     ReportJob,
     StudyJob,
-    WindowStudyJob,
+    StudyOptions,
 )
 from expertaug.evaluation.studies import study
 from expertaug.evaluation.summary import with_intervals
@@ -92,7 +92,7 @@ def rows(of: Forecasts, label: str) -> list[MetricRow]:
 
 @pytest.mark.parametrize("make", [alarm, coverage, distance])
 def test_studies_of_windows(make):
-    made = make([forecasts()], WindowStudyJob.from_mapping(CURVES))
+    made = make([forecasts()], curves())
     assert set(made.numbers["method"]) == {"a"} and made.tables[0].size and isinstance(made.figure(), Figure)
 
 
@@ -102,7 +102,7 @@ def test_tables_and_studies_of_scores():
     table = tabulate(scores, forecasts=[of])
     low, mean, high = (table.numbers[f"test/log_mse_sum/{name}"][0] for name in ("low", "mean", "high"))
     assert low < mean < high and "APHYNITY" in table.markdown()
-    shifts = {"distances": ["none"], "panels": [["z_e shifted", ["test"]]]}
+    shifts = StudyOptions(distances=["none"], panels=[("z_e shifted", ["test"])])
     job = StudyJob(study="out_of_expertise", labels=[("aphynity", "APHYNITY")], options=shifts)
     asked = study(scores, job, [of])
     assert list(asked.numbers.query("set == 'test'")["low"]) == [pytest.approx(low)]
@@ -136,7 +136,7 @@ def test_the_page():
     """A study's own numbers and figure, on a page of an experiment's long table."""
     of = forecasts("aphynity", "swing")
     long = with_intervals(rows(of, "APHYNITY"), Samples([of]))
-    study = distance([forecasts()], WindowStudyJob.from_mapping(CURVES))
+    study = distance([forecasts()], curves())
     stream = io.BytesIO()
     study.figure().savefig(stream, format="png")
     shown = [

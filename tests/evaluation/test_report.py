@@ -29,7 +29,6 @@ from expertaug.files import write_json
 
 CAPTIONS = Path(__file__).parents[2] / "workflow" / "report"
 FIGURES = ("log_mse", "parameter_errors", "parameters", "forecasts", "curves")
-READING = {"convention": "sum", "title": "a swing <b>&", "set_titles": {}, "from_s": None}
 
 
 class Page(HTMLParser):
@@ -57,10 +56,10 @@ class Page(HTMLParser):
 
 @pytest.fixture
 def run(tmp_path):
-    """The results folder of a made-up run, and the settings of its report."""
-    settings = {**READING, "labels": pairs()["labels"]}
+    """The results folder of a made-up run, and the job of its report."""
+    swing = ReportExperiment(name="swing", labels=pairs()["labels"], title="a swing <b>&", from_s=None)
     outputs = [tmp_path / "tables" / name for name in ("swing.csv", "swing_long.csv", "swing.md")]
-    tabulate(write_metrics(tmp_path), outputs, TabulateJob.from_mapping(settings))
+    tabulate(write_metrics(tmp_path), outputs, TabulateJob(labels=swing.labels, title=swing.title, from_s=None))
     alarms = pd.DataFrame({"method": ["mean"] * 2, "label": ["Mean"] * 2, "set": ["iid"] * 2, "seed": [0, 1]})
     alarms.assign(auroc=[0.5, 0.7]).to_csv(tmp_path / "tables" / "swing_alarm.csv", index=False)
     numbers = {"value": 2.0, "error": 0.031, "low": 1.95, "high": 2.05, "spread": None, "windows": 9, "groups": 3}
@@ -81,30 +80,41 @@ def run(tmp_path):
     shown += [_shown(f"tables/swing_{name}.md", name, name) for name in ("alarm", "estimates")]
     (tmp_path / "logs" / "train").mkdir(parents=True)
     (tmp_path / "logs" / "train" / "swing.cost.json").write_text('{"seconds": 61.2, "peak_memory_mb": 300}')
-    experiment = {"name": "swing", **settings, "floors": [], "known_form": [], "least_squares": []}
-    told = {"preset": "corrected", "seeds": [0, 1, 2], "device": "cpu", "files": ["my.yaml"]}
-    told["rules"] = [["simulate_set", "train_seed_group"], ["train_seed_group", "evaluate_seed_group"]]
-    return tmp_path, {"shown": shown, "experiments": [experiment], **told}
+    return tmp_path, ReportJob(
+        shown=shown,
+        rules=[("simulate_set", "train_seed_group"), ("train_seed_group", "evaluate_seed_group")],
+        experiments=[swing],
+        files=["my.yaml"],
+        preset="corrected",
+        seeds=[0, 1, 2],
+        device="cpu",
+    )
+
+
+def experiments_of(job: ReportJob, *changed: dict) -> ReportJob:
+    """A job of the same, whose one experiment comes once with each of the changes."""
+    (swing,) = job.experiments
+    return job.model_copy(update={"experiments": [swing.model_copy(update=each) for each in changed]})
 
 
 @pytest.mark.parametrize("name", ["figures/swing_alarm.png", "tables/swing_long.csv", "tables/swing_alarm.csv"])
 def test_a_file_that_a_link_brings_from_elsewhere_is_refused(run, name, tmp_path_factory):
-    folder, settings = run
+    folder, job = run
     outside = tmp_path_factory.mktemp("own") / "file"
     (folder / name).rename(outside)
     (folder / name).symlink_to(outside)
     with pytest.raises(InputError, match="leads out of"):
-        report(folder, folder / "report.html", ReportJob.from_mapping(settings))
+        report(folder, folder / "report.html", job)
 
 
-def _shown(path: str, caption: str, title: str, **wildcards: str) -> dict:
-    named = {"experiment": "swing", **wildcards}
-    return {"path": path, "caption": str(CAPTIONS / f"{caption}.rst"), "wildcards": named, "title": title}
+def _shown(path: str, caption: str, title: str) -> ShownFile:
+    wildcards = {"experiment": "swing"}
+    return ShownFile(path=path, caption=str(CAPTIONS / f"{caption}.rst"), wildcards=wildcards, title=title)
 
 
 def test_the_page_has_every_figure_and_table_under_its_caption(run):
-    results, settings = run
-    report(results, results / "report.html", ReportJob.from_mapping(settings))
+    results, job = run
+    report(results, results / "report.html", job)
     text = (results / "report.html").read_text()
     page = Page(text)
     assert page.open == [] and len(page.of("table")) == len(page.of("thead")) == 8  # with costs and provenance
@@ -124,10 +134,10 @@ def test_the_page_has_every_figure_and_table_under_its_caption(run):
 
 
 def test_rows_lead_to_their_runs_in_the_dashboard(run):
-    results, settings = run
+    results, job = run
     marker = {"enabled": True, "uri": "sqlite:///r/m.db", "experiment": "e", "experiments": {"swing": "3"}}
     write_json(results / "mlflow" / "tracking.json", marker)
-    report(results, results / "report.html", ReportJob.from_mapping(settings))
+    report(results, results / "report.html", job)
     text = (results / "report.html").read_text()
     page = Page(text)
     assert page.open == [] and "mlflow server --backend-store-uri sqlite:///r/m.db" in text
@@ -137,14 +147,14 @@ def test_rows_lead_to_their_runs_in_the_dashboard(run):
     address = escape(f"{start}%27{quote(method_of('Hybrid+'))}%27")
     assert text.count(f'<a href="{address}">Hybrid+</a>') >= 2  # in the headline and among the metrics
     write_json(results / "mlflow" / "tracking.json", {"enabled": False})
-    report(results, results / "report.html", ReportJob.from_mapping(settings))
+    report(results, results / "report.html", job)
     assert "http://" not in (results / "report.html").read_text()
 
 
 def test_what_a_laboratory_asks_comes_first(run):
     """The estimates, to two digits of their errors, and which forecasts to trust, before the scores of methods."""
-    results, settings = run
-    report(results, results / "report.html", ReportJob.from_mapping(settings))
+    results, job = run
+    report(results, results / "report.html", job)
     text = (results / "report.html").read_text()
     titles = re.findall(r"<b>(?:Figure|Table) \d+\. ([^<]*)\.</b>", text)
     assert titles[:6] == ["Headline numbers", "Estimates", "Estimates", "Alarm", "Alarm", "Metrics"]
@@ -153,33 +163,32 @@ def test_what_a_laboratory_asks_comes_first(run):
 
 def test_what_has_nothing_to_show_is_left_out_and_long_tables_are_folded(run):
     """A figure of words alone and a table without rows; of 41 rows the first line alone is read at once."""
-    results, settings = run
+    results, job = run
     note = plotting.note("the true parameters are not known")
     plotting.save_all({results / "figures" / "swing_parameter_errors.png": note})
     estimates = pd.read_csv(results / "tables" / "swing_estimates.csv")
     pd.concat([estimates] * 41).to_csv(results / "tables" / "swing_estimates.csv", index=False)
     alarms = pd.read_csv(results / "tables" / "swing_alarm.csv")
     alarms[:0].to_csv(results / "tables" / "swing_alarm.csv", index=False)
-    report(results, results / "report.html", ReportJob.from_mapping(settings))
+    report(results, results / "report.html", job)
     text = (results / "report.html").read_text()
     assert ". Parameter errors" not in text and ". Log mse" in text
     assert "Estimates (41 rows)" in text and "(0 rows)" not in text
 
 
 def test_headline_columns_are_called_as_the_experiments_call_their_sets(run):
-    results, settings = run
-    settings["experiments"][0]["set_titles"] = {"test": "test (other trajectories)"}
-    report(results, results / "report.html", ReportJob.from_mapping(settings))
+    results, job = run
+    titles = {"set_titles": {"test": "test (other trajectories)"}}
+    report(results, results / "report.html", experiments_of(job, titles))
     text = (results / "report.html").read_text()
     assert "test (other trajectories)" in text and "OOD)</th>" not in text
 
 
 def test_a_remark_that_all_titles_end_in_is_the_banner(run):
-    results, settings = run
-    first = settings["experiments"][0] | {"title": "a swing (toy run: no numbers)"}
-    for experiments, banner in (([first], True), ([first, first | {"title": "another"}], False)):
-        job = ReportJob.from_mapping(settings | {"experiments": experiments})
-        report(results, results / "report.html", job)
+    results, job = run
+    first, other = {"title": "a swing (toy run: no numbers)"}, {"title": "another"}
+    for experiments, banner in (([first], True), ([first, other], False)):
+        report(results, results / "report.html", experiments_of(job, *experiments))
         text = (results / "report.html").read_text()
         assert ('<p class="notice" role="note">Toy run: no numbers</p>' in text) == banner
         assert ("<h1>Results of a swing</h1>" in text) == banner
@@ -187,8 +196,8 @@ def test_a_remark_that_all_titles_end_in_is_the_banner(run):
 
 
 def test_names_are_escaped(run):
-    results, settings = run
-    report(results, results / "report.html", ReportJob.from_mapping(settings))
+    results, job = run
+    report(results, results / "report.html", job)
     text = (results / "report.html").read_text()
     assert "swing &lt;b&gt;&amp;" in text and "<b>&" not in text
 
@@ -202,10 +211,10 @@ def test_names_are_escaped(run):
     ],
 )
 def test_a_missing_file_is_one_clear_line_and_no_page(run, file, said):
-    results, settings = run
+    results, job = run
     (results / file).unlink()
     with pytest.raises(InputError, match=f"{file}: {said}"):
-        report(results, results / "report.html", ReportJob.from_mapping(settings))
+        report(results, results / "report.html", job)
     assert not (results / "report.html").exists()
 
 
@@ -264,9 +273,9 @@ def test_a_gain_carries_a_star_where_it_is_told_apart():
 
 
 def test_the_main_table_is_that_of_the_csv_file(run):
-    results, settings = run
+    results, job = run
     long = tables.read_long(results / "tables/swing_long.csv")
-    found = tables.main(long, ReportExperiment(**settings["experiments"][0] | {"known_form": [method_of("ML only")]}))
+    found = tables.main(long, experiments_of(job, {"known_form": [method_of("ML only")]}).experiments[0])
     (_, rivals), (title, known) = found.html_parts
     assert title == "F_a of known form, which does not compete" and [row[0] for row in known] == ["ML only"]
     one = next(one for one in long if (one.label, one.set, one.metric) == ("Hybrid", "test", "log_mse_sum"))

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from test_in_memory import SEEDS, forecasts
-from test_windows import CURVES
+from test_windows import curves
 
 from expertaug.evaluation.seeds import EMPTY, seeds
-from expertaug.evaluation.settings import WindowStudyJob
 
-JOB = WindowStudyJob.from_mapping(CURVES)
+JOB = curves()
 
 
 def with_median(fails: float = 1.0):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 
 import numpy as np
@@ -15,16 +14,15 @@ from expertaug.errors import InputError
 from expertaug.evaluation import studies
 from expertaug.evaluation.dots import LOOKS
 from expertaug.evaluation.dots import run_stage as overview
-from expertaug.evaluation.settings import OverviewJob, StudyJob
+from expertaug.evaluation.settings import OverviewExperiment, OverviewJob, SimulatedSet, StudyJob, StudyOptions
 from expertaug.evaluation.studies import run_stage as study
 from expertaug.evaluation.tabulate import run_stage as tabulate
 
 COLUMNS = ["experiment", "system", "method", "label", "preset", "seed", "set", "metric", "value"]
-SHIFTS = {
-    "distances": ["none", "small"],
-    "panels": [["z_a shifted", ["validation", "near"]], ["z_a and z_e shifted", ["test", "both"]]],
-}
-READING = {"convention": "sum", "set_titles": {}, "from_s": None, "hues": [["hybrid", 0]], "sets": {}}
+SHIFTS = StudyOptions(
+    distances=["none", "small"],
+    panels=[("z_a shifted", ["validation", "near"]), ("z_a and z_e shifted", ["test", "both"])],
+)
 ENDS = ("csv", "md", "tex", "png", "pdf")
 
 
@@ -47,18 +45,16 @@ def outputs(folder):
     return [folder / f"study.{end}" for end in ENDS]
 
 
+def asked(name, labels, **more):
+    return StudyJob(study=name, labels=list(labels.items()), from_s=None, hues=[("hybrid", 0)], **more)
+
+
 def test_shifts(tmp_path, drawn):
     labels = {"hybrid": "Hybrid", "hybrid+": "Hybrid+"}
     path = write(tmp_path / "m.csv", labels, ("train", "validation", "test", "near", "both"))
-    ranges = {"near": {"z_a": {"alpha": [0.3, 0.6]}}}
-    settings = READING | {
-        "study": "out_of_expertise",
-        "labels": list(labels.items()),
-        "options": SHIFTS,
-        "sets": ranges,
-        "units": {"alpha": "1/s"},
-    }
-    study([path], outputs(tmp_path), StudyJob.from_mapping(settings))
+    near = SimulatedSet(z_a={"alpha": (0.3, 0.6)})
+    job = asked("out_of_expertise", labels, options=SHIFTS, sets={"near": near}, units={"alpha": "1/s"})
+    study([path], outputs(tmp_path), job)
     text = (tmp_path / "study.md").read_text()
     row = "| log-MSE | z_a shifted | small | alpha ∈ [0.3, 0.6] | 0.80 ± 0.71 | 1.80 ± 0.71 |"
     assert row in text and "Preset: paper" in text and "over 2 seeds" in text
@@ -78,8 +74,8 @@ def test_bars_are_the_tables_intervals(tmp_path, drawn):
     path = write(tmp_path / "m.csv", {"hybrid": "Hybrid"}, ("validation", "test", "near", "both"))
     errors = {s: np.exp(np.random.default_rng(3).normal(size=(2, 40))) for s in ("validation", "near")}
     samples = write_samples(tmp_path / "f.npz", "hybrid", (0, 1), errors, preset="paper")
-    settings = READING | {"study": "out_of_expertise", "labels": [["hybrid", "Hybrid"]], "options": SHIFTS}
-    study([path], outputs(tmp_path), StudyJob.from_mapping(settings), [samples])
+    job = asked("out_of_expertise", {"hybrid": "Hybrid"}, options=SHIFTS)
+    study([path], outputs(tmp_path), job, [samples])
     tabulate([path], [tmp_path / "t_long.csv"], forecasts=[samples])
     table = pd.read_csv(tmp_path / "t_long.csv").query("metric == 'log_mse_sum'").set_index("set")
     left, right = (axis.containers[0].lines[2][0].get_segments() for axis in drawn[0].axes)
@@ -90,18 +86,18 @@ def test_bars_are_the_tables_intervals(tmp_path, drawn):
     assert drawn[0].get_suptitle() == "swing"
     row = next(line for line in (tmp_path / "study.md").read_text().splitlines() if "z_a shifted | small" in line)
     assert row.endswith("] |") and "95 % interval, for which samples" in (tmp_path / "study.md").read_text()
-    given, told = tmp_path / "told.md", json.dumps(settings)
-    assert main(["study", str(path), str(samples), "--output", str(given), "--settings", told]) == 0
+    given = tmp_path / "told.md"
+    arguments = ["study", str(path), str(samples), "--output", str(given)]
+    assert main([*arguments, "--settings", job.model_dump_json()]) == 0
     assert given.read_text() == (tmp_path / "study.md").read_text(), "the command takes both kinds of files"
 
 
 def test_horizons(tmp_path, drawn):
     labels = {"hybrid": "Hybrid", "hybrid+": "Hybrid+"}
     path = write(tmp_path / "m.csv", labels, ("train", "validation", "test", "validation_1s", "test_1s"))
-    panels = [["validation", ["validation", "validation_1s"]], ["test", ["test", "test_1s"]]]
-    options = {"distances": ["0.19 s", "1 s"], "panels": panels}
-    settings = READING | {"study": "horizons", "labels": list(labels.items()), "options": options}
-    study([path], outputs(tmp_path), StudyJob.from_mapping(settings))
+    panels = [("validation", ["validation", "validation_1s"]), ("test", ["test", "test_1s"])]
+    options = StudyOptions(distances=["0.19 s", "1 s"], panels=panels)
+    study([path], outputs(tmp_path), asked("horizons", labels, options=options))
     text = (tmp_path / "study.md").read_text()
     assert "| metric | set | until | Hybrid | Hybrid+ |" in text
     assert "| log-MSE | test (OOD) | 1 s | 0.90 ± 0.71 | 1.90 ± 0.71 |" in text
@@ -115,8 +111,7 @@ def test_widths_are_in_the_order_of_their_volume(tmp_path, drawn):
     labels["hybrid+narrow"] = "Hybrid+ (narrow)"
     path = write(tmp_path / "m.csv", labels, ("train", "validation", "test"))
     priors = {"": {"w": [0, 3]}, "wide": {"w": [0, 9]}, "narrow": {"w": [1, 2]}}
-    settings = {"study": "prior_width", "labels": list(labels.items()), "priors": {"hybrid": priors}}
-    study([path], outputs(tmp_path), StudyJob.from_mapping(READING | settings))
+    study([path], outputs(tmp_path), asked("prior_width", labels, priors={"hybrid": priors}))
     rows = [line.split(" | ")[:2] for line in (tmp_path / "study.md").read_text().splitlines() if "Hybrid" in line]
     order = ["Hybrid", "Hybrid+ (narrow)", "Hybrid+", "Hybrid+ (wide)"]
     assert [row[0].removeprefix("| ") for row in rows] == order and rows[3][1] == "w ∈ [0, 9]"
@@ -129,8 +124,7 @@ def test_widths_of_methods_with_priors_of_their_own(tmp_path, drawn):
     labels = {m + name: f"{m} {name}" for m in ("one", "two") for name in ("", "+", "+wide")}
     path = write(tmp_path / "m.csv", labels, ("train", "validation", "test"))
     priors = {m: {"": {"w": [low, 3]}, "wide": {"w": [0, 9]}} for m, low in (("one", 1), ("two", 2))}
-    settings = {"study": "prior_width", "labels": list(labels.items()), "priors": priors}
-    study([path], outputs(tmp_path), StudyJob.from_mapping(READING | settings))
+    study([path], outputs(tmp_path), asked("prior_width", labels, priors=priors))
     table = (tmp_path / "study.md").read_text()
     assert "| one + | w ∈ [1, 3] |" in table and "| two + | w ∈ [2, 3] |" in table
     ticks = [tick.get_text() for tick in drawn[0].axes[0].get_xticklabels()]
@@ -142,9 +136,9 @@ def test_widths_of_methods_with_priors_of_their_own(tmp_path, drawn):
 def test_during_training(tmp_path, drawn):
     places = [{"epoch": e, "finetune_epochs": f} for e in (1, 10) for f in (0, 1, 10)]
     path = write(tmp_path / "m.csv", {"hybrid": "Hybrid"}, ("train", "validation", "test"), places)
-    options = {"method": "hybrid", "epochs": [1, 10], "finetune_epochs": [1, 10]}
-    settings = READING | {"study": "during_training", "labels": [["hybrid", "Hybrid"]], "options": options}
-    study([path], outputs(tmp_path), StudyJob.from_mapping(settings))
+    options = StudyOptions(method="hybrid", epochs=[1, 10], finetune_epochs=[1, 10])
+    job = asked("during_training", {"hybrid": "Hybrid"}, options=options)
+    study([path], outputs(tmp_path), job)
     text = (tmp_path / "study.md").read_text()
     cell = re.search(r"\| 10 \| – \| 0.53 \[(.*?), (.*?)\]", text)  # Student's t of two seeds, one apart
     low, high = (float(end.replace("−", "-")) for end in cell.groups())
@@ -157,23 +151,17 @@ def test_during_training(tmp_path, drawn):
     assert list(panels[2][0].lines[0].get_ydata()) == pytest.approx([0.7, 0.73])
     assert [line.lines[0].get_marker() for line in panels[0]] == ["o", "s", "*"]
     with pytest.raises(InputError, match="no column 'epoch'"):
-        study(
-            [write(tmp_path / "n.csv", {"hybrid": "Hybrid"}, ("test",))],
-            outputs(tmp_path),
-            StudyJob.from_mapping(settings),
-        )
+        study([write(tmp_path / "n.csv", {"hybrid": "Hybrid"}, ("test",))], outputs(tmp_path), job)
 
 
 def test_bad_requests(tmp_path):
     labels = {"hybrid": "Hybrid"}
     path = write(tmp_path / "m.csv", labels, ("validation", "test", "near"))
-    settings = READING | {"study": "out_of_expertise", "labels": list(labels.items()), "options": SHIFTS}
     with pytest.raises(InputError, match="no metrics of the set 'both'; evaluate again"):
-        study([path], outputs(tmp_path), StudyJob.from_mapping(settings))
-    priors = {"hybrid": {"": {"w": [0, 1]}}}
-    widths = READING | {"study": "prior_width", "labels": list(labels.items()), "priors": priors}
+        study([path], outputs(tmp_path), asked("out_of_expertise", labels, options=SHIFTS))
+    widths = asked("prior_width", labels, priors={"hybrid": {"": {"w": (0, 1)}}})
     with pytest.raises(InputError, match=r"suffix '\.svg'"):
-        study([path], [tmp_path / "x.svg"], StudyJob.from_mapping(widths))
+        study([path], [tmp_path / "x.svg"], widths)
 
 
 def test_overview(tmp_path, drawn):
@@ -181,11 +169,12 @@ def test_overview(tmp_path, drawn):
         return sum(not line.get_label().startswith("_") for line in axis.lines)
 
     metrics = write_metrics(tmp_path) + write_metrics(tmp_path, "double_swing")
-    one = {"name": "swing", "shown": True, "shifted": "test", "convention": "sum", "set_titles": {}}
-    one["opponents"] = ["mean"]
-    other = one | {"name": "double_swing", "shifted": None, "convention": "dim", "title": "two swings", "opponents": []}
-    settings = {"experiments": [one, other], "hues": [["mean", 0], ["hybrid", 1]]}
-    overview(tables_of(metrics), tmp_path / "figures", OverviewJob.from_mapping(settings))
+    swing = OverviewExperiment(name="swing", shown=True, shifted="test", opponents=["mean"])
+    double = OverviewExperiment(
+        name="double_swing", shown=True, shifted=None, convention="dim", title="two swings", opponents=[]
+    )
+    job = OverviewJob(experiments=[swing, double], hues=[("mean", 0), ("hybrid", 1)])
+    overview(tables_of(metrics), tmp_path / "figures", job)
     names = {f"{name}.{end}" for name in ("log_mse", "parameter_errors", "za_shifted") for end in ("png", "pdf")}
     assert {path.name for path in (tmp_path / "figures").iterdir()} == names
     left, right = drawn[0].axes

@@ -77,10 +77,9 @@ def test_latex(tmp_path, three_seeds):
 def test_methods_of_known_form_stand_below_a_rule_and_do_not_compete(tmp_path):
     values = {"told": -5, "told+": -6, "net": -4, "net+": -3}
     rows = [(m, m.title(), f"paper,{seed},test,log_mse_sum,{v - seed}") for m, v in values.items() for seed in (0, 1)]
-    settings = {"labels": [[m, m.title()] for m in ("net", "net+", "told", "told+")], "known_form": ["told", "told+"]}
-    tabulate(
-        [write(tmp_path / "m.csv", rows)], [tmp_path / "t.md", tmp_path / "t.tex"], TabulateJob.from_mapping(settings)
-    )
+    labels = [(m, m.title()) for m in ("net", "net+", "told", "told+")]
+    job = TabulateJob(labels=labels, known_form=["told", "told+"])
+    tabulate([write(tmp_path / "m.csv", rows)], [tmp_path / "t.md", tmp_path / "t.tex"], job)
     lines = [line.split("|")[1].strip() for line in (tmp_path / "t.md").read_text().splitlines() if "|" in line]
     assert lines[2:7] == ["Net", "Net+", "*F_a of known form, which does not compete:*", "Told", "Told+"]
     assert "**−4.50" in (tmp_path / "t.md").read_text()

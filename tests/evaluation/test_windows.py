@@ -18,9 +18,15 @@ from expertaug.hues import EQUATION
 
 N, S = 400, 2
 RANGE = {"omega0": [1.5, 3.1]}
-LABELS = [["a", "A"], ["a+~flow", "A+ flow"]]
-SETTINGS = {"labels": LABELS, "hues": [["a", 0]], "set_titles": {}, "title": None}
-CURVES = SETTINGS | {"training_range": RANGE, "floor": None, "mean": None}
+LABELS = [("a", "A"), ("a+~flow", "A+ flow")]
+
+
+def asked(labels=LABELS, **more):
+    return WindowStudyJob(labels=labels, hues=[("a", 0)], **more)
+
+
+def curves(labels=LABELS, **more):
+    return asked(labels, training_range=RANGE, **more)
 
 
 def fake(path, method, seeds, width=1.0, failing=0.5, spoiled=None):
@@ -65,7 +71,7 @@ def test_seeds_of_all_groups_come_together(files):
 
 def test_an_alarm_that_knows_is_told_from_one_that_does_not(files, tmp_path):
     outputs = [tmp_path / f"alarm.{end}" for end in ("csv", "md", "tex", "png", "pdf")]
-    alarm(files, outputs, WindowStudyJob.from_mapping(SETTINGS))
+    alarm(files, outputs, asked())
     table = pd.read_csv(outputs[0]).set_index(["method", "set", "score", "seed"])
     test = table.loc["a", "test", "misfit", 0]
     assert test["auroc"] > 0.97 and test["caught"] > 0.9 and 0.02 < test["false_alarms"] < 0.1
@@ -84,9 +90,9 @@ def test_the_expected_error_is_that_of_the_refined_version_where_there_is_one(tm
     with np.load(plain) as arrays:
         moved = {f"{name}_moved": arrays[f"{name}_errors"] for name in sets}
     refined = fake(tmp_path / "refined.npz", "a~refined", [0, 1], spoiled=nothing | moved)
-    labels = {"labels": [["a", "A"], ["a~refined", "A refined"]]}
+    labels = [("a", "A"), ("a~refined", "A refined")]
     outputs = [tmp_path / f"alarm.{end}" for end in ("csv", "md", "png")]
-    alarm([plain, refined], outputs, WindowStudyJob.from_mapping(SETTINGS | labels))
+    alarm([plain, refined], outputs, asked(labels))
     found = pd.read_csv(outputs[0]).set_index(["method", "set", "score", "seed"])
     own, after = found.loc["a", "test", "expected", 0], found.loc["a~refined", "test", "expected", 0]
     assert own["auroc"] == 1 and own["caught"] == 1
@@ -100,8 +106,8 @@ def test_alarms_of_all_versions_are_drawn_but_what_cannot_be_judged(tmp_path, dr
     still = {f"{name}_z_e_hat": np.ones((2, N, 1)) for name in ("validation", "iid", "test")}
     made = {"truth": None, "a+": None, "b": still, "fine": sound}
     files = [fake(tmp_path / f"{name}.npz", name, [0, 1], spoiled=spoiled) for name, spoiled in made.items()]
-    settings = SETTINGS | {"labels": [[name, name.upper()] for name in made], "floor": "truth"}
-    alarm(files, [tmp_path / "alarm.png", tmp_path / "alarm.csv"], WindowStudyJob.from_mapping(settings))
+    job = asked([(name, name.upper()) for name in made], floor="truth")
+    alarm(files, [tmp_path / "alarm.png", tmp_path / "alarm.csv"], job)
     (figure,) = drawn
     left, right = figure.axes
     names = [tick.get_text().split("\n") for tick in left.get_yticklabels()]
@@ -114,9 +120,9 @@ def test_alarms_of_all_versions_are_drawn_but_what_cannot_be_judged(tmp_path, dr
     assert low < table["auroc"].min() and high <= 1
     assert right.get_xlabel().endswith("[%]") and figure.get_suptitle() == "e: alarms, test (OOD)"
     colours = {mark.get_color() for mark in marks}
-    alarm(files[2:], [tmp_path / "alarm.png"], WindowStudyJob.from_mapping(settings))
+    alarm(files[2:], [tmp_path / "alarm.png"], job)
     assert drawn[-1].axes[0].lines[1].get_color() in colours, "a score's colour is its own"
-    alarm(files[3:], [tmp_path / "alarm.png"], WindowStudyJob.from_mapping(settings))
+    alarm(files[3:], [tmp_path / "alarm.png"], job)
     assert drawn[-1].texts[0].get_text().startswith("No score can be judged")
 
 
@@ -126,8 +132,8 @@ def test_coverage_of_all_versions_is_drawn_but_the_floors(tmp_path, drawn):
     files = [
         fake(tmp_path / f"{name}.npz", name, [0, 1], width) for name, width in zip(names, (1, 1, 0.3), strict=True)
     ]
-    settings = SETTINGS | {"labels": [[name, name] for name in names], "floor": "truth"}
-    coverage(files, [tmp_path / "coverage.png", tmp_path / "coverage.csv"], WindowStudyJob.from_mapping(settings))
+    job = asked([(name, name) for name in names], floor="truth")
+    coverage(files, [tmp_path / "coverage.png", tmp_path / "coverage.csv"], job)
     panels = drawn[0].axes
     assert [axis.get_title() for axis in panels] == ["the model's own windows", "IID test", "test (OOD)"]
     assert [len(axis.lines) for axis in panels] == [3, 3, 3]
@@ -145,19 +151,19 @@ def test_few_validation_windows_promise_the_share_that_they_can(files, tmp_path)
         arrays |= {key: arrays[key].take(range(14), axis) for key, axis in kept.items()}
         np.savez(path, **arrays)
     outputs = [tmp_path / "alarm.csv", tmp_path / "alarm.md"]
-    alarm(files, outputs, WindowStudyJob.from_mapping(SETTINGS))
+    alarm(files, outputs, asked())
     assert "at a threshold of 6.7 % on the validation set" in outputs[1].read_text(encoding="utf-8")
     table = pd.read_csv(outputs[0]).set_index(["method", "set", "score", "seed"])
     # Of scores that know nothing 1 of 15 new windows is above the largest of 14, on the average.
     assert table.loc["a", "iid", "misfit", 0]["false_alarms"] < 0.3
-    distance(files, [tmp_path / "distance.csv"], WindowStudyJob.from_mapping(CURVES))
+    distance(files, [tmp_path / "distance.csv"], curves())
 
 
 @pytest.mark.parametrize(("width", "low", "high"), [(1.0, 0.85, 0.95), (0.3, 0.0, 0.5), (3.0, 0.97, 1.0)])
 def test_coverage_says_too_narrow_right_and_too_wide(tmp_path, width, low, high):
     file = fake(tmp_path / "x.npz", "a+~flow", [0, 1], width)
     outputs = [tmp_path / f"coverage.{end}" for end in ("csv", "md", "tex", "png")]
-    coverage([file], outputs, WindowStudyJob.from_mapping(SETTINGS))
+    coverage([file], outputs, asked())
     table = pd.read_csv(outputs[0]).query("not pooled").set_index(["set", "parameter"])
     assert low <= table.loc[("test", "omega0"), "coverage_90"] <= high
     assert table.loc[("own", "omega0"), "coverage_90"] == table.loc[("iid", "omega0"), "coverage_90"]
@@ -172,7 +178,7 @@ def test_draws_of_all_seeds_are_one_posterior_together(tmp_path):
     ranks = (centre + random.standard_normal((2, 119, N)) < random.standard_normal(N)).sum(1)[..., None]
     file = fake(tmp_path / "x.npz", "a+~flow", [0, 1], spoiled={"test_ranks": ranks})
     outputs = [tmp_path / f"coverage.{end}" for end in ("csv", "md")]
-    coverage([file], outputs, WindowStudyJob.from_mapping(SETTINGS))
+    coverage([file], outputs, asked())
     rows = pd.read_csv(outputs[0]).query("set == 'test' and parameter == 'omega0'").set_index("pooled")["coverage_90"]
     assert rows[False] < 0.2 and rows[True] > 0.95
     assert "| A+ flow | test (OOD) | omega0, seeds pooled |" in outputs[1].read_text(encoding="utf-8")
@@ -182,21 +188,20 @@ def test_draws_of_all_seeds_are_one_posterior_together(tmp_path):
 def test_points_alone_have_no_coverage(tmp_path):
     file = fake(tmp_path / "x.npz", "a", [0], width=None)
     outputs = [tmp_path / f"coverage.{end}" for end in ("csv", "md", "tex", "png")]
-    coverage([file], outputs, WindowStudyJob.from_mapping(SETTINGS))
+    coverage([file], outputs, asked())
     assert "No version has intervals" in outputs[1].read_text(encoding="utf-8") and outputs[3].exists()
 
 
 def test_curves_by_distance(files, tmp_path):
     outputs = [tmp_path / f"distance.{end}" for end in ("csv", "md", "tex", "png", "pdf")]
-    distance(files, outputs, WindowStudyJob.from_mapping(CURVES))
+    distance(files, outputs, curves())
     of_a = pd.read_csv(outputs[0]).query("method == 'a'")
     assert (of_a["of"] == "z_e").all()
     assert of_a["distance"].iloc[0] == 0 and of_a["distance"].is_monotonic_increasing and len(of_a) == 7
     assert of_a["windows"].sum() == 2 * N
     assert of_a["alarms"].iloc[0] < 10 and of_a["alarms"].iloc[-1] > 90
     assert of_a["log_mse"].iloc[-1] > of_a["log_mse"].iloc[0] + 3 and of_a["skill"].isna().all()
-    scaled = CURVES | {"floor": "a+~flow", "mean": "a"}
-    distance(files, outputs, WindowStudyJob.from_mapping(scaled))
+    distance(files, outputs, curves(floor="a+~flow", mean="a"))
     table = pd.read_csv(outputs[0])
     assert np.allclose(table.query("method == 'a'")["skill"], 0)
     assert np.allclose(table.query("method == 'a+~flow'")["skill"], 1)
@@ -210,9 +215,9 @@ def test_curves_have_the_intervals_of_windows_and_seeds(files, tmp_path, drawn):
     least = {key: np.full((2, N), 1.0) for key in errors}
     made = [("b", errors), ("truth", {key: 1e-2 * values for key, values in errors.items()}), ("mean", least)]
     paths = [fake(tmp_path / f"{name}.npz", name, [0, 1], spoiled=spoiled) for name, spoiled in made]
-    job = CURVES | {"labels": [[name, name] for name, _ in made], "floor": "truth", "mean": "mean"}
+    job = curves([(name, name) for name, _ in made], floor="truth", mean="mean")
     outputs = [tmp_path / f"curves.{end}" for end in ("csv", "md", "png")]
-    distance(paths, outputs, WindowStudyJob.from_mapping(job))
+    distance(paths, outputs, job)
     table = pd.read_csv(outputs[0]).query("method == 'b'")
     width = table["log_mse_high"] - table["log_mse_low"]
     assert table["log_mse_low"].lt(np.log(1e-3)).all() and table["log_mse_high"].gt(np.log(1e-3)).all()
@@ -229,8 +234,8 @@ def test_curves_have_the_intervals_of_windows_and_seeds(files, tmp_path, drawn):
 def test_curves_have_seven_lines_with_the_true_equation(tmp_path, drawn):
     names = [*(f"m{k}" for k in range(9)), "truth"]
     files = [fake(tmp_path / f"{name}.npz", name, [0, 1]) for name in names]
-    job = CURVES | {"labels": [[name, name] for name in names], "floor": "truth"}
-    distance(files, [tmp_path / "distance.png"], WindowStudyJob.from_mapping(job))
+    job = curves([(name, name) for name in names], floor="truth")
+    distance(files, [tmp_path / "distance.png"], job)
     log_mse = drawn[0].axes[0]
     assert len(log_mse.lines) == 7
     assert drawn[0].axes[0].lines[-1].get_color() == EQUATION
@@ -240,8 +245,8 @@ def test_a_true_equation_far_below_leaves_the_panel_to_the_others(files, tmp_pat
     sets = ("validation", "iid", "test")
     far = {f"{name}_errors": np.full((2, N), 1e-20) for name in sets}
     path = fake(tmp_path / "truth.npz", "truth", [0, 1], spoiled=far)
-    job = CURVES | {"labels": [*LABELS, ["truth", "True equation"]], "floor": "truth"}
-    distance([*files, path], [tmp_path / "distance.png"], WindowStudyJob.from_mapping(job))
+    job = curves([*LABELS, ("truth", "True equation")], floor="truth")
+    distance([*files, path], [tmp_path / "distance.png"], job)
     axis = drawn[0].axes[0]
     assert axis.get_ylim()[0] > -10 and [text.get_text() for text in axis.texts] == ["True equation: −46"]
 
@@ -258,7 +263,7 @@ def test_curves_by_the_distance_of_z_a_too(tmp_path):
         extra |= {f"{name}_misfit": np.full((2, N), 1e-4), f"{name}_z_e_hat": np.stack([1.01 * z_e] * 2)}
     file = fake(tmp_path / "x.npz", "a", [0, 1], width=None, spoiled=extra)
     outputs = [tmp_path / f"distance.{end}" for end in ("csv", "md", "tex", "png")]
-    distance([file], outputs, WindowStudyJob.from_mapping(CURVES | {"interaction_range": {"alpha": [0.0, 0.3]}}))
+    distance([file], outputs, curves(interaction_range={"alpha": (0.0, 0.3)}))
     table = pd.read_csv(outputs[0])
     curve = table.query("of == 'z_a'")
     assert curve["windows"].sum() == 2 * N, "iid and z_a_small"
@@ -280,4 +285,4 @@ def test_files_from_before_are_refused_in_one_line(files, tmp_path):
     with np.load(files[0]) as arrays:
         np.savez(tmp_path / "old.npz", **{k: v for k, v in arrays.items() if not k.endswith("misfit")})
     with pytest.raises(InputError, match="no array 'test_misfit'; make it again with evaluate"):
-        alarm([tmp_path / "old.npz"], [tmp_path / "alarm.csv"], WindowStudyJob.from_mapping(SETTINGS))
+        alarm([tmp_path / "old.npz"], [tmp_path / "alarm.csv"], asked())

@@ -3,13 +3,14 @@
 import torch
 from torch import Tensor
 
-from expertaug.learning.settings import TrainOptions
+from expertaug.learning.settings import TrainOptions, TrainSettings
 from expertaug.learning.train import prepare
 from expertaug.models.describe import describe
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.store import StoredModel
 from expertaug.presets import resolve
 from expertaug.systems import Parameter, System
+from expertaug.systems.settings import SolverSettings
 from expertaug.trajectories import Trajectories
 
 COMMON = {"experiment": "toy", "preset": "corrected", "choices": resolve("corrected"), "seeds": [0]}
@@ -34,7 +35,7 @@ def lines() -> tuple[StoredModel, Trajectories]:
     y = y0 + slope * t + NOISE * torch.randn(400, 5, generator=random, dtype=torch.float64)
     data = Trajectories(t.numpy(), y.unsqueeze(-1).numpy(), slope.numpy())
     recipe = HybridModel(Line(), {"kind": "recurrent", "hidden": 2, "layers": [2]}, None)
-    told = COMMON | {"method": "line", "label": "Line", "t1_s": 1.0}
-    how = TrainOptions.from_mapping(told | {"training": {"solver": {"method": "rk4"}}})
+    training = TrainSettings(solver=SolverSettings(method="rk4"))
+    how = TrainOptions(**COMMON, method="line", label="Line", t1_s=1.0, training=training)
     made = prepare(recipe, data, data, how, describe(recipe))
     return StoredModel(made.trainer.model, made.card.but(wall_s=0.0, failed=[])), data

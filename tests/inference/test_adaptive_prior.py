@@ -66,8 +66,8 @@ def test_without_windows_the_ranges_end_at_the_budget(train):
 def test_nothing_is_widened_where_own_windows_cannot_be_fitted(train):
     """One start for the fits: beyond a factor of two they end in minima of other swings."""
     whole = Windows.of(train)
-    few = {"starts": 1, "tries": 1, "steps": 1}
-    found = widen_prior(expert_alone("pendulum", train), whole, NOISE, 100.0, SEEN, few | {"steps": 30})
+    few = RefinementSettings(starts=1, tries=1, steps=30)
+    found = widen_prior(expert_alone("pendulum", train), whole, NOISE, 100.0, SEEN, few)
     assert found.ranges["omega0"][1] < 50
 
 

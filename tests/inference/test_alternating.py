@@ -19,11 +19,8 @@ from expertaug.trajectories import Trajectories
 from seen import seen
 from typed_jobs import alternate, job
 
-RANGES = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.1, 0.6]}}
-DATA = tiny.DATA | {
-    "t2_s": 4.0,
-    "sets": {"train": RANGES | {"size": 80}, "validation": RANGES | {"size": 20}},
-}
+SETS = {name: tiny.swings(size, alpha=(0.1, 0.6)) for name, size in (("train", 80), ("validation", 20))}
+DATA = tiny.DATA.model_copy(update={"t2_s": 4.0, "sets": SETS})
 SETTINGS = tiny.SETTINGS | {
     "method": "alternating",
     "label": "Alternating",

@@ -16,6 +16,8 @@ from expertaug.evaluation.settings import Scoring
 from expertaug.inference.least_squares import estimator_of
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
+from expertaug.models.settings import RefinementSettings
+from expertaug.systems.settings import SolverSettings
 from expertaug.systems.simulate import trajectories
 from expertaug.trajectories import Trajectories
 from nightly import others_slow
@@ -23,7 +25,6 @@ from typed_jobs import train
 
 T, NOISE, CPU = np.linspace(0.0, 10.0, 101), 0.01, torch.device("cpu")
 SCORING = Scoring(draws=8, drawn_samples=1)
-SET = {"size": 12, "z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 
 
 @pytest.mark.parametrize("observed", others_slow([21, 51]))
@@ -42,8 +43,8 @@ def test_a_fit_of_the_right_equation_expects_the_error_that_it_has(observed):
     more = score(stored, data, Scoring(draws=19, drawn_samples=1), "y0", CPU, noise=NOISE)
     assert torch.equal(more.expected, scored.expected), "expected_draws are 8, however many are drawn"
     other, as_before = (
-        score(stored, data, Scoring.of(draws=8, drawn_samples=4, **solver), "y0", CPU, noise=NOISE)
-        for solver in ({"draws_solver": {"method": "rk4"}}, {})
+        score(stored, data, Scoring(draws=8, drawn_samples=4, **solver), "y0", CPU, noise=NOISE)
+        for solver in ({"draws_solver": SolverSettings(method="rk4")}, {})
     )
     assert torch.equal(other.errors, scored.errors), "draws are solved otherwise, forecasts are not"
     assert not torch.equal(other.expected, scored.expected)
@@ -54,8 +55,8 @@ def test_a_fit_of_the_right_equation_expects_the_error_that_it_has(observed):
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
-    data = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": NOISE, "sets": dict.fromkeys(("train", "validation"), SET)}
-    folder = tiny.simulated(tmp_path_factory.mktemp("expected"), data)
+    sets = dict.fromkeys(("train", "validation"), tiny.swings(12))
+    folder = tiny.simulated(tmp_path_factory.mktemp("expected"), tiny.DATA.model_copy(update={"sets": sets}))
     settings = tiny.SETTINGS | {
         "seeds": [4, 7],
         "model": {
@@ -70,7 +71,7 @@ def model(tmp_path_factory):
 
 def test_refinement_expects_of_the_encoder_what_lies_between_their_forecasts(model):
     encoder, data = model
-    refined = replace(encoder, model=estimator_of(encoder, {"steps": 5}, NOISE, {"omega0": (0.5, 3.5)}))
+    refined = replace(encoder, model=estimator_of(encoder, RefinementSettings(steps=5), NOISE, {"omega0": (0.5, 3.5)}))
     before, after = (score(one, data, SCORING, "y0", CPU, keep=len(data), noise=NOISE) for one in (encoder, refined))
     assert before.moved is None and after.moved is not None and after.expected is not None
     observed = encoder.card.observed

@@ -4,32 +4,33 @@ import pytest
 import torch
 from known_posterior import COMMON, NOISE, lines
 
+import tiny
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.evaluation.forecasting import forecast
 from expertaug.inference.coordinates import PriorTransform
 from expertaug.inference.flow import SummaryNetwork, load
 from expertaug.inference.flow_training import prepare
+from expertaug.inference.flow_training import run_stage as flow
 from expertaug.inference.posterior_predictive import predictive
-from expertaug.inference.settings import FlowJob
+from expertaug.inference.settings import FlowJob, FlowSettings
 from expertaug.inference.simulations import HELD_OUT, Pool
 from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.settings import TrainOptions
+from expertaug.learning.settings import TrainOptions, TrainSettings
 from expertaug.learning.train import prepare as prepare_training
 from expertaug.models import store as models
 from expertaug.models.describe import describe
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.store import StoredModel
 from expertaug.systems.pendulum import DampedPendulum
-from expertaug.systems.settings import SimulateJob
-from expertaug.systems.simulate import simulate
+from expertaug.systems.settings import SimulatedData, SimulatedSet, SolverSettings
+from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from seen import seen
-from typed_jobs import flow, job, train
+from typed_jobs import job, train
 
 RK4 = Solver("rk4")
-SETS = {"z_e": {"omega0": [1.5, 3.1]}, "z_a": {"alpha": [0.0, 0.6]}}
 SMALL = {
     "steps": 12,
     "batch_size": 20,
@@ -43,15 +44,16 @@ SMALL = {
     "latent": 2,
     "samples": 8,
     "checkpoint_s": 0.0,
-    "solver": {"method": "rk4"},
+    "solver": SolverSettings(method="rk4"),
 }
 
 
-def settings(prior, noise, **flow):
-    return COMMON | {"method": "a+~flow", "label": "A+ flow", "prior": prior, "noise": noise, "flow": SMALL | flow}
+def asked(prior, noise, **flow):
+    how = FlowSettings(**SMALL | flow)
+    return FlowJob(**COMMON, method="a+~flow", label="A+ flow", prior=prior, noise=noise, flow=how)
 
 
-PENDULUM = settings({"omega0": [0.5, 3.5]}, 0.01)
+PENDULUM = asked({"omega0": (0.5, 3.5)}, 0.01)
 
 
 def windows(data, points, seeds):
@@ -63,11 +65,8 @@ def windows(data, points, seeds):
 def pendulum(tmp_path_factory):
     """Folder of a pendulum's sets and of the models ``both`` (seeds 0 and 1) and ``alone`` (seed 1)."""
     folder = tmp_path_factory.mktemp("pendulum")
-    drawn = {"seed": 0, "step_s": 0.1, "t2_s": 2.0, "noise": 0.01}
-    drawn["sets"] = {name: SETS | {"size": 40} for name in ("train", "validation", "test")}
-    for name in drawn["sets"]:
-        simulated = SimulateJob.from_mapping({"system": {"name": "pendulum"}, "data": drawn})
-        simulate(name, folder / f"{name}.npz", simulated)
+    sets = dict.fromkeys(("train", "validation", "test"), tiny.swings(40))
+    tiny.simulated(folder, tiny.DATA.model_copy(update={"sets": sets}))
     told = COMMON | {"method": "aphynity", "label": "APHYNITY", "t1_s": 1.0, "system": {"name": "pendulum"}}
     told |= {"build": {"kind": "hybrid"}, "training": {"epochs": 1, "batch_size": 10, "solver": {"method": "rk4"}}}
     windows = {"theta": [0.0, 1.0], "omega": [0.0, 1.0]}
@@ -84,10 +83,8 @@ def pendulum(tmp_path_factory):
 def known():
     """A flow that has learned the lines' posterior, and windows of its own prior with their slopes and starts."""
     base, data = lines()
-    told = settings({"slope": [-2.0, 2.0]}, NOISE, steps=800, batch_size=200, pool=2000, uses=1, layers=[32, 32])
-    training = prepare(
-        base, data, job(FlowJob, told | {"flow": told["flow"] | {"learning_rate": 1e-2, "held_out": 1000}})
-    )
+    how = {"steps": 800, "batch_size": 200, "learning_rate": 1e-2, "pool": 2000, "uses": 1, "held_out": 1000}
+    training = prepare(base, data, asked({"slope": (-2.0, 2.0)}, NOISE, layers=(32, 32), **how))
     simulator, estimator = training.trainer.pool.simulator, training.run().model.eval()
     drawn = simulator.draw(400, HELD_OUT, 1)
     first = drawn.x[..., :1]  # the recurrent encoder has no windows: the context is every observed point
@@ -154,9 +151,7 @@ def test_a_runaway_draw_is_cut_off_at_the_bound(known):
 def test_a_seed_does_not_depend_on_the_seeds_beside_it(pendulum):
     """The flow of a seed alone and in a group: the same draws of the simulator, to float rounding."""
     data = Trajectories.load(pendulum / "train.npz")
-    both, alone = (
-        prepare(models.load(pendulum / f"{n}.safetensors"), data, job(FlowJob, PENDULUM)) for n in ("both", "alone")
-    )
+    both, alone = (prepare(models.load(pendulum / f"{n}.safetensors"), data, PENDULUM) for n in ("both", "alone"))
     # Trained apart, the two seed 1 differ by rounding; the same tensors make the draws comparable.
     a, b = (t.trainer.pool.simulator.draw(60, HELD_OUT, 7) for t in (both, alone))
     assert torch.allclose(a.x[1], b.x[0], atol=1e-3) and torch.allclose(a.theta[1], b.theta[0], atol=1e-2)
@@ -167,8 +162,8 @@ def test_a_seed_does_not_depend_on_the_seeds_beside_it(pendulum):
     assert torch.allclose(z, other, atol=1e-2)
 
 
-def run(pendulum, folder, told=PENDULUM):
-    flow(pendulum / "both.safetensors", pendulum, folder / "model.safetensors", folder / "work", told, None)
+def run(pendulum, folder):
+    flow(pendulum / "both.safetensors", pendulum, folder / "model.safetensors", folder / "work", PENDULUM, None)
     return folder / "model.safetensors"
 
 
@@ -213,7 +208,7 @@ def test_a_killed_training_resumes_to_the_same_bits(pendulum, whole, tmp_path, k
 
 def test_a_pool_is_renewed_by_parts_and_follows_from_the_pass_alone(pendulum):
     data = Trajectories.load(pendulum / "train.npz")
-    made = prepare(models.load(pendulum / "both.safetensors"), data, job(FlowJob, PENDULUM)).trainer.pool
+    made = prepare(models.load(pendulum / "both.safetensors"), data, PENDULUM).trainer.pool
     first, second = made(3), made(4)
     assert len(first) == 80 and torch.equal(first.theta[:, 40:], second.theta[:, :40])
     assert not torch.equal(first.theta[:, :40], second.theta[:, 40:])
@@ -226,10 +221,9 @@ def test_a_pool_is_renewed_by_parts_and_follows_from_the_pass_alone(pendulum):
 def test_draws_begin_where_training_windows_do_or_anywhere(pendulum, monkeypatch, row, flow, anew):
     elsewhere = lambda self, y0, uniform: torch.cat((5.0 + uniform(1), y0[..., 1:]), dim=-1)  # noqa: E731
     monkeypatch.setattr(DampedPendulum, "resample_known", elsewhere)
-    told = PENDULUM | {"choices": {**PENDULUM["choices"].model_dump(), "augmented_x": row}, "flow": SMALL | flow}
-    made = prepare(
-        models.load(pendulum / "both.safetensors"), Trajectories.load(pendulum / "train.npz"), job(FlowJob, told)
-    )
+    choices = PENDULUM.choices.model_copy(update={"augmented_x": row})
+    of_row = PENDULUM.model_copy(update={"choices": choices, "flow": FlowSettings(**SMALL | flow)})
+    made = prepare(models.load(pendulum / "both.safetensors"), Trajectories.load(pendulum / "train.npz"), of_row)
     first = made.trainer.pool.simulator.simulated(20, RandomStreams([0, 1], 7)).y0[..., 0]
     assert bool((first > 4.9).all()) == bool(anew) and (anew or bool((first < 4.9).all()))
 
@@ -246,25 +240,21 @@ def test_draws_begin_where_training_windows_do_or_anywhere(pendulum, monkeypatch
 def test_what_is_wrong_is_said_in_a_line(pendulum, changed, expected):
     data = Trajectories.load(pendulum / "train.npz")
     with pytest.raises(InputError, match=expected):
-        prepare(models.load(pendulum / "both.safetensors"), data, job(FlowJob, PENDULUM | changed))
+        prepare(models.load(pendulum / "both.safetensors"), data, job(FlowJob, PENDULUM.dump() | changed))
 
 
 @pytest.mark.slow
 def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path):
     """Noisy fields, whose draws are used several times; the expert's parameter is found in their moments."""
-    system, ranges = {"name": "field_systems:Fisher"}, {"z_e": {"D": [1e-3, 4e-3]}, "z_a": {"r": [0.5, 1.5]}}
-    drawn = {"seed": 0, "step_s": 0.1, "t2_s": 1.0, "noise": 1e-3, "sets": {"train": ranges | {"size": 40}}}
-    simulated = SimulateJob.from_mapping({"system": system, "data": drawn})
-    simulate("train", tmp_path / "train.npz", simulated)
-    data = Trajectories.load(tmp_path / "train.npz")
-    recipe = HybridModel(
-        systems.load(system), {"kind": "moments", "layers": [8]}, {"kind": "polynomial", "latent_degree": 1}
-    )
-    told = COMMON | {"method": "a", "label": "A", "t1_s": 0.5}
-    told |= {"training": {"epochs": 1, "batch_size": 10}}
-    base = prepare_training(recipe, data, data, TrainOptions.from_mapping(told), describe(recipe)).run()
-    plus = settings({"D": [1e-3, 6e-3]}, 1e-3, steps=150, batch_size=100, pool=800, uses=4, layers=[32])
-    training = prepare(base, data, job(FlowJob, plus))
+    system = systems.load({"name": "field_systems:Fisher"})
+    ranges = SimulatedSet(size=40, z_e={"D": (1e-3, 4e-3)}, z_a={"r": (0.5, 1.5)})
+    data = sample(system, SimulatedData(seed=0, step_s=0.1, t2_s=1.0, noise=1e-3, sets={"train": ranges}), "train")
+    recipe = HybridModel(system, {"kind": "moments", "layers": [8]}, {"kind": "polynomial", "latent_degree": 1})
+    how = TrainSettings(epochs=1, batch_size=10)
+    options = TrainOptions(**COMMON, method="a", label="A", t1_s=0.5, training=how)
+    base = prepare_training(recipe, data, data, options, describe(recipe)).run()
+    plus = asked({"D": (1e-3, 6e-3)}, 1e-3, steps=150, batch_size=100, pool=800, uses=4, layers=(32,))
+    training = prepare(base, data, plus)
     held, done = training.trainer.held, training.run()
     y = windows(data, 6, 1)
     z_e, _, y0 = done.model.eval().sample(seen(y), 32)
@@ -273,7 +263,7 @@ def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path)
         theta = done.model.head.density.sample(held.x, torch.zeros(1, *held.theta.shape))[0]
     assert (theta - held.theta)[..., 0].std() < 0.5 * held.theta[..., 0].std(), "windows tell the diffusion"
     models.save(tmp_path / "flow.safetensors", done.model, done.card)
-    again = load(tmp_path / "flow.safetensors", classes=[system["name"]]).model
+    again = load(tmp_path / "flow.safetensors", classes=["field_systems:Fisher"]).model
     assert torch.equal(again.sample(seen(y), 32)[0], z_e)
     with pytest.raises(InputError, match="needs field_systems:Fisher"):
         load(tmp_path / "flow.safetensors")

@@ -9,7 +9,7 @@ import pytest
 import torch
 from known_posterior import NOISE as LINE_NOISE
 from known_posterior import lines
-from test_flow import settings as flow_settings
+from test_flow import asked as asked_of_flow
 from test_least_squares import NOISE, OBSERVED, PRIOR, T, expert_alone, pendulum
 
 from expertaug import systems
@@ -20,18 +20,18 @@ from expertaug.inference import simulations as own_windows_of
 from expertaug.inference.flow_training import prepare
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.posterior_predictive import joint_draws
-from expertaug.inference.settings import FlowJob, OwnWindows
+from expertaug.inference.settings import OwnWindows
 from expertaug.inference.simulations import own_draws
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Delta, Estimates, Gaussian, Posterior
+from expertaug.systems.settings import SolverSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.windows import Windows
 from seen import seen
-from typed_jobs import job
 
-SCORING = Scoring.of(draws=39, drawn_samples=60, solver={"method": "rk4"})
-OWN = OwnWindows.of(prior={"omega0": [0.5, 3.5]})
+SCORING = Scoring(draws=39, drawn_samples=60, solver=SolverSettings(method="rk4"))
+OWN = OwnWindows(prior={"omega0": (0.5, 3.5)})
 CPU = torch.device("cpu")
 
 
@@ -132,10 +132,10 @@ def test_own_windows_take_z_a_from_so_many_training_windows_at_most(fitted, monk
 
 def test_a_flow_is_ranked_on_the_draws_that_it_learns_from():
     base, data = lines()
-    told = flow_settings({"slope": [-2.0, 2.0]}, LINE_NOISE)
-    stored = prepare(base, data, job(FlowJob, told)).run()
+    job = asked_of_flow({"slope": (-2.0, 2.0)}, LINE_NOISE)
+    stored = prepare(base, data, job).run()
     stored.model.eval()
-    own = OwnWindows.of(prior=told["prior"])
+    own = OwnWindows(prior=job.prior)
     t = torch.from_numpy(data.t).float()
     how = drawing(stored, t=t, begin=1, observed=stored.card.observed, noise=LINE_NOISE)
     scores, draws = of_own_windows(stored, data, own, LINE_NOISE, 30, how)

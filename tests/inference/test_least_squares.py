@@ -16,13 +16,15 @@ from expertaug.errors import InputError
 from expertaug.inference.coordinates import given_components, seen_components
 from expertaug.inference.least_squares import estimator_of, refined_by
 from expertaug.inference.levenberg_marquardt import minimise
-from expertaug.inference.settings import RefinementSettings
 from expertaug.learning import train as train_stage
-from expertaug.learning.settings import UntrainedOptions
+from expertaug.learning.settings import SolverOnly, UntrainedOptions
 from expertaug.models import describe, store
 from expertaug.models.card import RecipeRecord
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates, unconstrain
+from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.presets import Choices
+from expertaug.systems.settings import SolverSettings
 from expertaug.systems.simulate import trajectories
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
@@ -112,17 +114,24 @@ def test_a_circuit_without_noise_is_found_exactly_from_many_starts():
 def test_the_true_equation_is_a_floor(name):
     system = systems.load({"name": name})
     t, ranges = T[:31], {"omega0": (1.5, 3.1)}
-    z_a, solver, noise = {"alpha": (0.1, 0.6)}, {}, NOISE
+    z_a, fit, training, noise = {"alpha": (0.1, 0.6)}, RefinementSettings(), SolverOnly(), NOISE
     if name == "reaction_diffusion":
         t, ranges = np.linspace(0, 1, 11), {"a": (0.001, 0.002), "b": (0.003, 0.007)}
-        z_a, solver, noise = {"k": (0.003, 0.005)}, {"method": "lawson4"}, 0.0
+        z_a, fit, noise = {"k": (0.003, 0.005)}, RefinementSettings(starts=8), 0.0
+        training = SolverOnly(solver=SolverSettings(method="lawson4"))
     data = trajectories(system, ranges, z_a, n=6, t=t, noise=noise)
-    given = {"settings": {"starts": 8} if solver else {}, "noise": noise, "prior": ranges}
-    settings = {"choices": {"observed_points": "inclusive"}, "seeds": [0, 1], "t1_s": float(t[-1])}
-    settings["training"] = {"solver": solver} if solver else {}
-    settings |= {"experiment": "e", "method": "truth", "label": "t", "preset": "corrected", "refinement": given}
-    settings = UntrainedOptions.from_mapping(settings)
-    described = RecipeRecord.of(system={"name": name}, interaction=False)
+    settings = UntrainedOptions(
+        experiment="e",
+        method="truth",
+        label="t",
+        preset="corrected",
+        choices=Choices(observed_points="inclusive"),
+        seeds=[0, 1],
+        t1_s=float(t[-1]),
+        training=training,
+        refinement=Refinement(settings=fit, noise=noise, prior=ranges),
+    )
+    described = RecipeRecord(system={"name": name}, interaction=False)
     stored = train_stage.make_expert_alone(system, data, settings, described, truth=True)
     y = torch.from_numpy(data.y).movedim(1, 0).unsqueeze(1).float()
     found = refined_by(stored, stored.card.refinement).estimate(seen(y.expand(-1, 2, *y.shape[2:])))
@@ -156,7 +165,7 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
     torch.testing.assert_close(torch.tensor(latent.mean, dtype=torch.float64), mean, rtol=1e-5, atol=1e-6)
 
     own = stored.model.estimate(seen(y))
-    alone = estimator_of(stored, {"starts": 0}, 0.01, None)  # no start but the model's own
+    alone = estimator_of(stored, RefinementSettings(starts=0), 0.01, None)  # no start but the model's own
     t = torch.tensor(stored.card.t)
     observed = stored.card.observed
 
@@ -166,7 +175,8 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
 
     refined = alone.estimate(seen(y))
     assert (misfit(refined) <= misfit(own) + 1e-6).all() and misfit(refined).mean() < 0.5 * misfit(own).mean()
-    more = estimator_of(stored, {"starts": 64, "tries": 4}, 0.01, {"omega0": (0.5, 3.5)}).estimate(seen(y))
+    many = RefinementSettings(starts=64, tries=4)
+    more = estimator_of(stored, many, 0.01, {"omega0": (0.5, 3.5)}).estimate(seen(y))
     assert (more.chi2 <= refined.chi2 * 1.001 + 1e-6).double().mean() > 0.95
     # The same again, and the model is as it was.
     again = alone.estimate(seen(y))
@@ -205,7 +215,8 @@ def test_no_further_start_is_tried_once_two_have_led_to_the_same_minimum(monkeyp
     data = pendulum((1.5, 3.1), n=12)
     damped = replace(data, y=data.y * np.exp(-0.1 * data.t)[None, :, None].astype(np.float32))
     seen = windows(damped)
-    fit = estimator_of(expert_alone("pendulum", data), {"starts": 64, "tries": 8}, NOISE, PRIOR).fit
+    many = RefinementSettings(starts=64, tries=8)
+    fit = estimator_of(expert_alone("pendulum", data), many, NOISE, PRIOR).fit
     asked, tried = fit._minimum, []
     monkeypatch.setattr(fit, "_minimum", lambda x, *rest: tried.append(x.shape[1]) or asked(x, *rest))
     found = fit(seen)
@@ -246,7 +257,7 @@ def test_which_components_are_seen_and_given():
 def test_points_outside_a_components_window_do_not_count():
     data = pendulum((1.5, 3.1), n=8)
     stored = expert_alone("pendulum", data)
-    only_angle = {"windows": {"omega": [0.0, 0.0]}}
+    only_angle = RefinementSettings(windows={"omega": (0.0, 0.0)})
     spoiled = replace(data, y=data.y.copy())
     spoiled.y[:, 1:, 1] += 7.0
     one, other = (

@@ -20,7 +20,7 @@ from expertaug.learning.trainer import Trainer, TrainSettings
 from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.models.estimators import Hybrid
-from expertaug.presets import Choices
+from expertaug.presets import resolve
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from seen import seen
@@ -80,7 +80,7 @@ def double_pendulum(latent=2):
     description["model"] = {"encoder": encoder | {"latent": latent}, "interaction": {"kind": "mlp", "layers": [4]}}
     description["bound"] = [30.0, 30.0, 500.0, 500.0]
     model = Hybrid.network(systems.load(description["system"]), card(description))
-    return model, task_of(TrainSettings.from_mapping({"horizon_s": 0.19}), card(description), CPU)
+    return model, task_of(TrainSettings(horizon_s=0.19), card(description), CPU)
 
 
 def test_a_finite_forecast_beyond_the_bound_is_left_out_of_the_loss():
@@ -114,13 +114,13 @@ def test_where_the_mean_latents_run_away_too_another_sample_stands_in():
     assert torch.isfinite(z_a.grad).all() and (z_a.grad[0, 1] == 0).all()
 
 
-def test_a_runaway_does_not_feed_the_multiplier(data, settings, trained):
+def test_a_runaway_does_not_feed_the_multiplier(data, trained):
     task, batch = task_of(TrainSettings(), trained.card, CPU), batch_of(data)
     wild = replace(batch, trajectories=seen(batch.y.clone()))
     wild.y[:, :, 3] = 1e18  # the squared error of a forecast from there is infinite
     found = []
     for one in (batch, wild):
-        objective = Aphynity([0, 1], Choices.from_mapping(settings["choices"]))
+        objective = Aphynity([0, 1], resolve("corrected"))
         _, parts = objective.loss(trained.model, one, task)
         objective.end_of_pass()
         found.append((objective.multiplier, parts["runaway_share"]))
@@ -128,7 +128,7 @@ def test_a_runaway_does_not_feed_the_multiplier(data, settings, trained):
     torch.testing.assert_close(found[1][0], found[0][0], rtol=0.2, atol=0)
 
 
-def test_validation_counts_a_runaway_at_the_bound(data, settings, trained):
+def test_validation_counts_a_runaway_at_the_bound(data, trained):
     batch = StackedSet.of(Trajectories.load(data / "validation.npz"), CPU)
     whole, points = batch.whole(2), range(1, 11)
     task = task_of(TrainSettings(), trained.card, CPU)
@@ -136,7 +136,7 @@ def test_validation_counts_a_runaway_at_the_bound(data, settings, trained):
     free = trained.model.forecast(whole.y[0], z_e, z_a, task.t[:11], task.solver)[1:].detach()
     for bound in (torch.tensor([0.1, 0.2]), task.bound):
         one = replace(task, bound=bound)
-        objective, options = Aphynity([0, 1], Choices.from_mapping(settings["choices"])), TrainSettings()
+        objective, options = Aphynity([0, 1], resolve("corrected")), TrainSettings()
         trainer = Trainer(trained.model, objective, one, batch, [(batch, points)], [0, 1], options, "x")
         cut = torch.minimum(torch.maximum(free, -bound), bound)
         expected = (cut - whole.y[1:11]).square().mean((0, 2, 3)).log()

@@ -5,14 +5,14 @@ import pandas as pd
 import pytest
 import torch
 
+import tiny
 from cards import card
 from expertaug import systems
 from expertaug.evaluation.log_evaluations import run_stage as log_evaluations
 from expertaug.models import store
 from expertaug.models.describe import describe
 from expertaug.models.hybrid import HybridModel
-from expertaug.systems.settings import SimulateJob
-from expertaug.systems.simulate import simulate
+from expertaug.systems.settings import SimulatedData, SimulatedSet, UserSystemSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.log import read_log
 from nightly import others_slow
@@ -20,14 +20,14 @@ from seen import seen
 from typed_jobs import augment, evaluate, finetune, train
 
 SYSTEM = {"name": "field_systems:Fisher"}
-RANGES = {"z_e": {"D": [1e-3, 4e-3]}, "z_a": {"r": [0.5, 1.5]}}
-DATA = {
-    "seed": 0,
-    "step_s": 0.1,
-    "t2_s": 1.0,
-    "noise": 0.0,
-    "sets": {"train": RANGES | {"size": 40}, "validation": RANGES | {"size": 10}, "test": RANGES | {"size": 10}},
-}
+
+
+def drawn(rate, **sizes):
+    """What is simulated of Fisher's equation, where something reacts at these rates."""
+    sets = {name: SimulatedSet(size=n, z_e={"D": (1e-3, 4e-3)}, z_a={"r": rate}) for name, n in sizes.items()}
+    return SimulatedData(seed=0, step_s=0.1, t2_s=1.0, noise=0.0, sets=sets)
+
+
 PARTS = [
     ({"kind": "moments", "layers": [16]}, {"kind": "polynomial", "latent_degree": 1}),
     (
@@ -39,11 +39,8 @@ PARTS = [
 
 @pytest.fixture(scope="module")
 def fields(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("fisher")
-    for name in DATA["sets"]:
-        job = SimulateJob.from_mapping({"system": SYSTEM, "data": DATA})
-        simulate(name, folder / f"{name}.npz", job)
-    return folder
+    data = drawn((0.5, 1.5), train=40, validation=10, test=10)
+    return tiny.simulated(tmp_path_factory.mktemp("fisher"), data, UserSystemSettings(**SYSTEM))
 
 
 @pytest.mark.parametrize(("encoder", "interaction"), others_slow(PARTS), ids=["moments", "conv"])
@@ -118,13 +115,8 @@ def test_a_model_file_of_fields_is_read_again(tmp_path):
 
 def test_least_squares_on_fields_is_evaluated_and_drawn(fields, tmp_path, settings):
     """The expert is the diffusion alone; where nothing reacts it is the truth."""
-    sets = {}
-    for name, size in (("train", 4), ("validation", 2), ("test", 2)):
-        ranges = {"z_e": {"D": [1e-3, 4e-3]}, "z_a": {"r": [0.0, 0.0]}, "size": size}
-        sets[name] = ranges
-    for name in sets:
-        job = SimulateJob.from_mapping({"system": SYSTEM, "data": DATA | {"sets": sets}})
-        simulate(name, tmp_path / f"{name}.npz", job)
+    data = drawn((0.0, 0.0), train=4, validation=2, test=2)
+    tiny.simulated(tmp_path, data, UserSystemSettings(**SYSTEM))
     refinement = {"settings": {"starts": 4, "tries": 1}, "noise": 0.0, "prior": {"D": [5e-4, 6e-3]}}
     settings |= {"experiment": "fisher", "system": SYSTEM, "model": {}, "t1_s": 0.5, "refinement": refinement}
     settings |= {"build": {"kind": "least_squares"}, "method": "ls", "label": "LS", "classes": [SYSTEM["name"]]}

@@ -125,7 +125,7 @@ def test_a_sample_that_runs_away_is_left_out():
     description |= {"t": [0.01 * k for k in range(20)], "expert": True, "interaction": True}
     description["model"] = {"encoder": encoder, "interaction": {"kind": "mlp", "layers": [4]}}
     model = Hybrid.network(systems.load(description["system"]), card(description))
-    task = task_of(TrainSettings.from_mapping({"horizon_s": 0.19}), card(description), torch.device("cpu"))
+    task = task_of(TrainSettings(horizon_s=0.19), card(description), torch.device("cpu"))
     y0, z_a = torch.rand(2, 3, 4), torch.rand(2, 3, 2)
     z_e = torch.tensor([[[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]] * 2)
     z_e[0, 1] = 1e5

@@ -63,5 +63,5 @@ def trials(folder: Path, count: int = 6, noise: float = 0.0, points: int = 200) 
 
 def settings(path: Path | list[str], **given: object) -> MeasurementSettings:
     """Settings that read :func:`trials`."""
-    paths = {"paths": str(path) if isinstance(path, Path) else path}
-    return MeasurementSettings.from_mapping(GIVEN | paths | given)
+    paths = str(path) if isinstance(path, Path) else path
+    return MeasurementSettings(**GIVEN | {"paths": paths} | given)

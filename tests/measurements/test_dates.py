@@ -10,7 +10,7 @@ from swings import NAMES, swing
 from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.measurements.cut import measured
-from expertaug.measurements.settings import MeasurementSettings
+from expertaug.measurements.settings import Column, MeasurementSettings
 
 Y = swing(1.0, points=120)
 
@@ -22,8 +22,9 @@ def table(path, header, times):
 
 
 def read(path, **given):
-    settings = {"paths": str(path), "columns": {"theta": "theta"}, "time": {"name": "t", "unit": "datetime"}} | given
-    return measured(MeasurementSettings.from_mapping(settings), NAMES).grid.series[0].rows.t
+    time = Column(name="t", unit="datetime")
+    settings = MeasurementSettings(paths=str(path), columns={"theta": "theta"}, time=time, **given)
+    return measured(settings, NAMES).grid.series[0].rows.t
 
 
 @pytest.mark.parametrize("form", ["%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%Y-%m-%d", "%d-%m-%y"])

@@ -56,7 +56,7 @@ REFUSED = {
 
 def both(path, keys, monkeypatch):
     """A table by either way, and whether the fast one was taken."""
-    keys = TableKeys.from_mapping(keys)
+    keys = TableKeys(**keys)
     monkeypatch.setattr(module, "LARGE", 0)
     monkeypatch.setattr(module, "HEAD", 4096)
     fast = module._read_large(path, keys)

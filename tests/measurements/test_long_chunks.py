@@ -10,6 +10,7 @@ import expertaug as ea
 from expertaug.errors import InputError
 from expertaug.measurements.cut import measured
 from expertaug.measurements.horizons import long_set
+from expertaug.measurements.settings import SplitSettings
 
 SPLIT = {"by": "time", "train_share": 0.4, "validation_share": 0.3, "test_share": 0.3}
 
@@ -38,6 +39,6 @@ def test_in_python_they_are_further_sets_of_the_same_points(tmp_path):
     ],
 )
 def test_what_does_not_fit_is_refused(tmp_path, change, message):
-    data = measured(settings(trials(tmp_path), split=SPLIT, **change), NAMES)
+    data = measured(settings(trials(tmp_path), split=SplitSettings(**SPLIT), **change), NAMES)
     with pytest.raises(InputError, match=message):
         long_set(data, f"test_{'900ms' if change['horizons_s'] == [0.9] else '4s'}")

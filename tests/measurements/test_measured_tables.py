@@ -9,7 +9,7 @@ from expertaug.errors import InputError
 from expertaug.measurements import expression
 from expertaug.measurements.cut import all_chunks, measured
 from expertaug.measurements.paths import list_files
-from expertaug.measurements.settings import TableKeys
+from expertaug.measurements.settings import Column, TableKeys
 from expertaug.measurements.table import read_table
 from expertaug.measurements.units import conversion
 
@@ -89,10 +89,10 @@ def test_columns_are_converted_to_the_system_s_units(tmp_path):
     rows = {"ms": 50.0 * np.arange(200), "deg": np.degrees(y[:, 0]) + 5.0, "rpm": -y[:, 1] * 30 / np.pi}
     path = table(tmp_path / "a.csv", rows)
     columns = {
-        "theta": {"name": "deg", "unit": "deg", "offset": -5.0},
-        "omega": {"name": "rpm", "unit": "rpm", "factor": -1.0},
+        "theta": Column(name="deg", unit="deg", offset=-5.0),
+        "omega": Column(name="rpm", unit="rpm", factor=-1.0),
     }
-    given = settings(path, trajectory=None, time={"name": "ms", "unit": "ms"}, columns=columns)
+    given = settings(path, trajectory=None, time=Column(name="ms", unit="ms"), columns=columns)
     chunk = all_chunks(measured(given, NAMES))
     assert np.allclose(chunk.y[0], y[:20], atol=1e-6) and chunk.t[1] == pytest.approx(0.05)
 
@@ -100,7 +100,7 @@ def test_columns_are_converted_to_the_system_s_units(tmp_path):
 def test_dates_are_times(tmp_path):
     times = pd.date_range("2024-05-31T12:00:00", periods=50, freq="250ms")
     path = table(tmp_path / "a.csv", {"when": [t.isoformat() for t in times], "angle": swing(1.0)[:50, 0]})
-    given = settings(path, trajectory=None, time={"name": "when", "unit": "datetime"}, columns={"theta": "angle"})
+    given = settings(path, trajectory=None, time=Column(name="when", unit="datetime"), columns={"theta": "angle"})
     assert measured(given, NAMES).grid.row_s == 0.25
 
 

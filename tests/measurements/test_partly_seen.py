@@ -14,6 +14,7 @@ from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.window_problem import assumed_noise
 from expertaug.learning.residuals import mean_squared_error, squared_errors, squares
 from expertaug.measurements.cut import measured, sets_of
+from expertaug.measurements.settings import SplitSettings
 from expertaug.models.gaps import Gaps, ranges_of
 from expertaug.models.observation_noise import noise_of, of_observed
 from expertaug.systems.pendulum import DampedPendulum
@@ -117,7 +118,8 @@ def angle_alone(tmp_path):
     path = trials(tmp_path, noise=0.005)
     lines = path.read_text().splitlines()
     path.write_text("\n".join(line for k, line in enumerate(lines) if k == 0 or k % 13))
-    return sets_of(measured(settings(path, columns={"theta": "angle"}, length=40, split={"by": "time"}), NAMES))[0]
+    given = settings(path, columns={"theta": "angle"}, length=40, split=SplitSettings(by="time"))
+    return sets_of(measured(given, NAMES))[0]
 
 
 def test_least_squares_finds_parameter_and_speed_from_the_angle_alone(angle_alone):

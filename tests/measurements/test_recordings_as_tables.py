@@ -67,9 +67,7 @@ def folders(tmp_path_factory) -> dict[str, dict[str, Path]]:
         angles[-1].parent.mkdir()
         table.to_csv(angles[-1], index=False)
     for by in SPLITS:
-        split_chunks(
-            angles, root / by / "recordings", SplitChunksJob.from_mapping({**CHUNKS, "rate_hz": 100.0, "by": by})
-        )
+        split_chunks(angles, root / by / "recordings", SplitChunksJob(**CHUNKS, rate_hz=100.0, by=by))
     constants = json.loads((root / "energy" / "recordings" / "splits.json").read_text())["energy_constants"]
     tables = []
     for path in angles:

@@ -10,7 +10,7 @@ from swings import NAMES, swing
 from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.measurements.cut import all_chunks, measured
-from expertaug.measurements.settings import MeasurementSettings, TableKeys
+from expertaug.measurements.settings import MeasurementSettings, Pivot, TableKeys
 from expertaug.measurements.table import read_table
 from nightly import others_slow
 
@@ -227,7 +227,7 @@ def test_a_sensors_second_value_of_one_moment_is_refused(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("sensor,t,value\na,0,1\nb,0,2\na,0,3\n")
     with pytest.raises(InputError, match="row 4: another row has sensor a at t 0"):
-        read_table(path, TableKeys.from_mapping({"pivot": {"name": "sensor", "value": "value"}}))
+        read_table(path, TableKeys(pivot=Pivot(name="sensor", value="value")))
 
 
 @pytest.mark.parametrize("given", ["paths=x", "skip_lines", "missing=[", "columns={}"])

@@ -12,6 +12,7 @@ from swings import NAMES, STEP, settings, swing, table
 from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.measurements.cut import measured
+from expertaug.measurements.settings import Column
 from expertaug.measurements.units import conversion, parse, told
 from nightly import others_slow
 
@@ -182,8 +183,8 @@ def test_a_reader_without_a_unit_does_not_take_another_for_its_own(tmp_path, hea
     with pytest.raises(InputError, match=message):
         measured(settings(path, **given), NAMES)
     # a factor of one's own is a word too
-    given["time"] = {"name": headers[0], "factor": 0.5}
-    given["columns"] = {name: {"name": column, "factor": 0.5} for name, column in given["columns"].items()}
+    given["time"] = Column(name=headers[0], factor=0.5)
+    given["columns"] = {name: Column(name=column, factor=0.5) for name, column in given["columns"].items()}
     measured(settings(path, **given), NAMES)
 
 

@@ -12,25 +12,26 @@ from safetensors.torch import save_file
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
-from expertaug.models.card import ModelCard
+from expertaug.models.card import ModelCard, PartsRecord, TrainingRecord
 from expertaug.models.estimators import Hybrid
 from expertaug.models.tensor_file import DIGEST, HEADER, _digest, read_tensors, write_tensors
+from expertaug.systems.settings import SolverSettings
 from expertaug.systems.solvers.solver import Solver
 
 PENDULUM = systems.load({"name": "pendulum"})
-DESCRIPTION = {
-    "kind": "hybrid",
-    "system": {"name": "pendulum"},
-    "model": {
-        "encoder": {"kind": "recurrent", "hidden": 2, "layers": [2]},
-        "interaction": {"kind": "mlp", "layers": [2]},
-    },
-    "expert": True,
-    "interaction": True,
-    "t": [0.1 * k for k in range(7)],
-    "observed": 4,
-    "seeds": [3, 4],
-}
+CARD = ModelCard(
+    kind="hybrid",
+    system={"name": "pendulum"},
+    model=PartsRecord(
+        encoder={"kind": "recurrent", "hidden": 2, "layers": [2]}, interaction={"kind": "mlp", "layers": [2]}
+    ),
+    expert=True,
+    interaction=True,
+    t=[0.1 * k for k in range(7)],
+    observed=4,
+    seeds=[3, 4],
+)
+DESCRIPTION = CARD.dump()
 OWN = """
 import expertaug.models.encoders.recurrent
 import expertaug.systems.pendulum
@@ -49,9 +50,9 @@ class Encoder(expertaug.models.encoders.recurrent.RecurrentEncoder):
 """
 
 
-def write(path, description=DESCRIPTION, extra=None):
-    model = Hybrid.network(PENDULUM, ModelCard.from_mapping(DESCRIPTION))
-    store.save(path, model, ModelCard.from_mapping({**description, **(extra or {})}))
+def write(path, **changed):
+    model = Hybrid.network(PENDULUM, CARD)
+    store.save(path, model, CARD.but(**changed))
     return model
 
 
@@ -63,9 +64,9 @@ def forged(path, header):
 
 
 def test_it_holds_times_units_and_solver(tmp_path):
-    write(tmp_path / "m", extra={"forecast_solver": store.forecast_solver(Solver("lawson4"), PENDULUM).to_json()})
+    write(tmp_path / "m", forecast_solver=store.forecast_solver(Solver("lawson4"), PENDULUM))
     stored = store.load(tmp_path / "m")
-    assert stored.card.t[:4] == DESCRIPTION["t"][:4] and stored.seeds == [3, 4]
+    assert stored.card.t[:4] == CARD.t[:4] and stored.seeds == [3, 4]
     assert stored.card.state == [["theta", "rad"], ["omega", "rad/s"]]
     assert stored.card.expert_parameters == [["omega0", "rad/s"]]
     assert stored.solver == Solver("lawson4")
@@ -145,7 +146,8 @@ def other_values(value):
 
 def test_whatever_a_forged_header_says_is_a_model_or_one_line_with_the_files_name(tmp_path):
     path = tmp_path / "m"
-    write(path, extra={"bound": [3.0, 3.0], "training": {"solver": {"method": "rk4"}}, "failed": [3]})
+    training = TrainingRecord(solver=SolverSettings(method="rk4"))
+    write(path, bound=[3.0, 3.0], training=training, failed=[3])
     header, tensors = read_tensors(path)
     refused = 0
     for key, value in header.items():
@@ -166,7 +168,7 @@ def test_a_weight_that_is_no_number_is_refused_with_the_files_name(tmp_path):
     model = write(tmp_path / "m")
     with torch.no_grad():
         next(model.parameters()).view(-1)[0] = torch.nan
-    store.save(tmp_path / "m", model, ModelCard.from_mapping(DESCRIPTION))
+    store.save(tmp_path / "m", model, CARD)
     with pytest.raises(InputError, match=r"/m: the tensor encoder\..* has values that are no numbers; train it again"):
         store.load(tmp_path / "m")
 
@@ -194,7 +196,7 @@ class TestClassesFromElsewhere:
         ],
     )
     def test_are_not_imported_unless_named(self, own, tmp_path, change):
-        write(tmp_path / "m", extra=change)
+        write(tmp_path / "m", **change)
         with pytest.raises(InputError, match=r"needs .*, which is not part of expertaug; if you trust it: classes=\['"):
             store.load(tmp_path / "m")
         assert not (tmp_path / "elsewhere_of_test/imported").exists()
@@ -203,7 +205,7 @@ class TestClassesFromElsewhere:
     def test_are_used_when_named_or_given(self, own, tmp_path, name):
         encoder = {"kind": "elsewhere_of_test.parts:Encoder", "hidden": 2, "layers": [2]}
         change = {"system": {"name": name, "length": 2.0}, "model": DESCRIPTION["model"] | {"encoder": encoder}}
-        write(tmp_path / "m", extra=change)
+        write(tmp_path / "m", **change)
         with pytest.raises(InputError, match=r"elsewhere_of_test\.parts:Encoder"):
             store.load(tmp_path / "m", classes=[name])
         assert store.load(tmp_path / "m", classes=[name, "elsewhere_of_test.parts:Encoder"]).model.system.length == 2.0

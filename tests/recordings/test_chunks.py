@@ -6,6 +6,7 @@ import pytest
 from pendulum_motion import CONSTANTS, real_recordings, truth
 
 from expertaug.errors import InputError
+from expertaug.measurements.settings import ChunkLimits
 from expertaug.measurements.splitting import SPLITS, keep_apart, number_segments
 from expertaug.systems.double_pendulum import energy
 from expertaug.trajectories import Trajectories
@@ -57,20 +58,20 @@ def test_no_frame_is_in_two_splits_and_none_is_unmeasured(tmp_path, by, seed):
         gaps, half = (list(zip(s, s + n, strict=True)) for s, n in zip(starts, lengths, strict=True))
         angles.append(write_angles(tmp_path / f"r{k}", y, gaps=gaps, half=half))
         unmeasured |= {(f"r{k}", f) for a, b in gaps + half for f in range(a, b)}
-    settings = {
-        "by": by,
-        "stride": int(rng.integers(1, 21)),
-        "evaluation_stride": int(rng.integers(1, 21)),
-        "phases": str(rng.choice(["all", "first"])),
-        "guard_s": float(rng.choice([0.0, 0.06])),
-        "min_chunks": 1,
-    }
-    split_chunks(angles, tmp_path / "data", SplitChunksJob.from_mapping(settings))
+    settings = SplitChunksJob(
+        by=by,
+        stride=int(rng.integers(1, 21)),
+        evaluation_stride=int(rng.integers(1, 21)),
+        phases=str(rng.choice(["all", "first"])),
+        guard_s=float(rng.choice([0.0, 0.06])),
+        min_chunks=1,
+    )
+    split_chunks(angles, tmp_path / "data", settings)
     frames = frames_of(tmp_path / "data")
     assert set(frames) == set(SPLITS)
     for a, b in (("train", "validation"), ("train", "test"), ("validation", "test")):
         assert not frames[a] & frames[b]
-        if settings["guard_s"]:  # nor do the smoothing windows of 24 frames on either side touch
+        if settings.guard_s:  # nor do the smoothing windows of 24 frames on either side touch
             assert not {(r, f + d) for r, f in frames[a] for d in (-48, -24, 24, 48)} & frames[b]
     for name in SPLITS:
         assert not frames[name] & unmeasured
@@ -78,9 +79,7 @@ def test_no_frame_is_in_two_splits_and_none_is_unmeasured(tmp_path, by, seed):
 
 def test_chunks_hold_the_states_of_their_frames(tmp_path):
     y = truth()[0, :8000]
-    split_chunks(
-        [write_angles(tmp_path / "r0", y)], tmp_path / "data", SplitChunksJob.from_mapping({**SMALL, "stride": 7})
-    )
+    split_chunks([write_angles(tmp_path / "r0", y)], tmp_path / "data", SplitChunksJob(**SMALL, stride=7))
     table = pd.read_csv(tmp_path / "data" / "chunks.csv")
     for name in SPLITS:
         chunks, rows = Trajectories.load(tmp_path / "data" / f"{name}.npz"), table[table["split"] == name]
@@ -97,7 +96,7 @@ def test_chunks_hold_the_states_of_their_frames(tmp_path):
 
 def test_energy_rule_orders_the_splits(tmp_path):
     angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth())]
-    split_chunks(angles, tmp_path / "data", SplitChunksJob.from_mapping({**SMALL, "phases": "first", "stride": 20}))
+    split_chunks(angles, tmp_path / "data", SplitChunksJob(**SMALL, phases="first", stride=20))
     table = pd.read_csv(tmp_path / "data" / "chunks.csv").groupby("split")["energy"]
     report = json.loads((tmp_path / "data" / "splits.json").read_text())
     low, high = report["thresholds"]["train_below"], report["thresholds"]["test_above"]
@@ -110,11 +109,8 @@ def test_energy_rule_orders_the_splits(tmp_path):
 
 
 def test_time_rule_takes_test_from_the_start(tmp_path):
-    split_chunks(
-        [write_angles(tmp_path / "r0", truth()[0])],
-        tmp_path / "data",
-        SplitChunksJob.from_mapping({**SMALL, "by": "time", "stride": 1}),
-    )
+    job = SplitChunksJob(**SMALL, by="time", stride=1)
+    split_chunks([write_angles(tmp_path / "r0", truth()[0])], tmp_path / "data", job)
     first = pd.read_csv(tmp_path / "data" / "chunks.csv").groupby("split")["first_frame"]
     assert (first.min()["test"], first.min()["validation"], first.min()["train"]) == (0, 4800, 9600)
     assert first.max()["test"] == 4800 - 77 and first.max()["train"] == 16000 - 77
@@ -123,11 +119,8 @@ def test_time_rule_takes_test_from_the_start(tmp_path):
 def test_stride_phases_and_a_lower_analysis_rate(tmp_path):
     def count(rate, **settings):
         angles = write_angles(tmp_path / "r0", truth()[0][:: int(400 / rate)], rate)
-        split_chunks(
-            [angles],
-            tmp_path / "data",
-            SplitChunksJob.from_mapping({**SMALL, "by": "time", "evaluation_stride": 20, **settings}),
-        )
+        job = SplitChunksJob(**SMALL, by="time", evaluation_stride=20, **settings)
+        split_chunks([angles], tmp_path / "data", job)
         return json.loads((tmp_path / "data" / "splits.json").read_text())["chunks"]["train"]
 
     assert count(400, stride=20, phases="first") == 80  # 16 s of .2 s
@@ -138,9 +131,9 @@ def test_stride_phases_and_a_lower_analysis_rate(tmp_path):
 
 def test_max_chunks_is_an_even_and_repeatable_subset(tmp_path):
     angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth()[:, :8000])]
-    settings = {**SMALL, "by": "time", "max_chunks": {"train": 30, "test": None}}
-    split_chunks(angles, tmp_path / "a", SplitChunksJob.from_mapping(settings))
-    split_chunks(angles, tmp_path / "b", SplitChunksJob.from_mapping(settings))
+    job = SplitChunksJob(**SMALL, by="time", max_chunks=ChunkLimits(train=30, test=None))
+    split_chunks(angles, tmp_path / "a", job)
+    split_chunks(angles, tmp_path / "b", job)
     report = json.loads((tmp_path / "a" / "splits.json").read_text())
     assert report["recordings"]["train"] == {"r0": 10, "r1": 10, "r2": 10}
     assert report["chunks"]["test"] > 30
@@ -175,14 +168,14 @@ def test_too_few_chunks_in_a_split_names_it(tmp_path):
     y = truth()[0, :8000]
     angles = write_angles(tmp_path / "r0", y, gaps=[(0, 2400)])
     with pytest.raises(InputError, match="too few chunks for the test split"):
-        split_chunks([angles], tmp_path / "data", SplitChunksJob.from_mapping({"by": "time", "min_chunks": 5}))
+        split_chunks([angles], tmp_path / "data", SplitChunksJob(by="time", min_chunks=5))
 
 
 def test_chunks_of_a_short_recording_lie_nearer_until_there_are_enough(tmp_path, caplog):
     """600 frames at 40 Hz, as another laboratory's series, by the settings that nobody wrote for it."""
     angles = write_angles(tmp_path / "r0", truth()[0, :6000:10], 40.0)
     settings = ChunkKeys().at(40.0, "split")
-    split_chunks([angles], tmp_path / "data", SplitChunksJob.from_mapping(settings.model_dump()))
+    split_chunks([angles], tmp_path / "data", settings)
     counts = json.loads((tmp_path / "data" / "splits.json").read_text())["chunks"]
     assert min(counts.values()) >= settings.min_chunks == 30
     assert "the test split's chunks begin every 4 points instead of every 8" in caplog.text
@@ -203,7 +196,7 @@ def test_two_recordings_of_one_name_and_a_broken_table(tmp_path):
 @pytest.mark.slow
 def test_figure(tmp_path):
     angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth()[:, :8000])]
-    split_chunks(angles, tmp_path / "data", SplitChunksJob.from_mapping(SMALL))
+    split_chunks(angles, tmp_path / "data", SplitChunksJob(**SMALL))
     plot_splits(tmp_path / "data", [tmp_path / "splits.png", tmp_path / "splits.pdf"])
     assert (tmp_path / "splits.png").stat().st_size > 20_000 and (tmp_path / "splits.pdf").stat().st_size > 5_000
     chunks, figure = tmp_path / "data" / "chunks.csv", tmp_path / "again.png"
@@ -245,8 +238,8 @@ def test_real_recordings_by_energy(tmp_path):
 @pytest.mark.parametrize("by", others_slow(["energy", "time"]))
 def test_long_chunks_lie_in_the_frames_of_their_split(tmp_path, by):
     angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth())]
-    settings = {**SMALL, "by": by, "horizons_s": [1.0, 2.0]}
-    split_chunks(angles, tmp_path / "data", SplitChunksJob.from_mapping(settings))
+    settings = SplitChunksJob(**SMALL, by=by, horizons_s=[1.0, 2.0])
+    split_chunks(angles, tmp_path / "data", settings)
     spans = frames_of(tmp_path / "data")
     for name in ("validation_1s", "test_2s"):
         output = tmp_path / f"{name}.npz"
@@ -267,9 +260,9 @@ def test_long_chunks_lie_in_the_frames_of_their_split(tmp_path, by):
 
 def test_recordings_too_short_for_a_horizon_are_refused_in_one_line(tmp_path):
     angles = [write_angles(tmp_path / "r0", truth()[0][:1600])]
-    settings = {**SMALL, "by": "time", "horizons_s": [2.0]}
+    job = CutHorizonJob(split=SplitChunksJob(**SMALL, by="time", horizons_s=[2.0]), set="test_2s")
     with pytest.raises(InputError, match=r"no test chunk of 2 s: the longest stretch of its frames lasts 1\.2 s; give"):
-        cut_horizon(angles, tmp_path / "test_2s.npz", CutHorizonJob.from_mapping({"split": settings, "set": "test_2s"}))
+        cut_horizon(angles, tmp_path / "test_2s.npz", job)
 
 
 @pytest.mark.parametrize(

@@ -156,11 +156,8 @@ def test_what_a_killed_job_left_goes_with_the_next(tmp_path, monkeypatch):
 
 def test_wrong_checksum(tmp_path):
     with pytest.raises(InputError, match="SHA-256"):
-        unpack_archive(
-            make_tar(tmp_path / "a.tar.gz", ["1.csv"]),
-            tmp_path / "out",
-            UnpackMarkersJob.from_mapping({"sha256": "0" * 64}),
-        )
+        archive = make_tar(tmp_path / "a.tar.gz", ["1.csv"])
+        unpack_archive(archive, tmp_path / "out", UnpackMarkersJob(sha256="0" * 64))
     assert not (tmp_path / "out").exists()
 
 

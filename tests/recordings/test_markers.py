@@ -67,7 +67,7 @@ def test_table_has_one_row_a_frame_and_empty_positions_where_lost(clip, tmp_path
 def test_given_arm_lengths_are_used(clip, tmp_path):
     store = save(clip[0][:20], tmp_path / "frames.b2nd")
     with pytest.raises(InputError, match=r"20 of 20 frames are unusable \(arm_length in 20\); at most a share of 0.25"):
-        track_markers(store, tmp_path / "markers.csv", TrackMarkersJob.from_mapping({"arm2_px": 86.0}))
+        track_markers(store, tmp_path / "markers.csv", TrackMarkersJob(arm2_px=86.0))
     assert not (tmp_path / "markers.csv").exists()
 
 

@@ -10,14 +10,12 @@ from expertaug.errors import InputError
 from expertaug.models.hybrid import HybridModel
 from expertaug.systems import simulate
 from expertaug.systems.reaction_diffusion import SIZE, WIDTH, laplacian
-from expertaug.systems.settings import SimulatedData
+from expertaug.systems.settings import SimulatedData, SimulatedSet
 from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
 
-RANGES = {"z_e": {"a": [0.001, 0.004], "b": [0.001, 0.01]}, "z_a": {"k": [0.003, 0.005]}}
-DATA = SimulatedData.from_mapping(
-    {"seed": 0, "step_s": 0.1, "t2_s": 5.0, "noise": 0.0, "sets": {"train": RANGES | {"size": 6}}}
-)
+TRAIN = SimulatedSet(size=6, z_e={"a": (0.001, 0.004), "b": (0.001, 0.01)}, z_a={"k": (0.003, 0.005)})
+DATA = SimulatedData(seed=0, step_s=0.1, t2_s=5.0, noise=0.0, sets={"train": TRAIN})
 
 
 def wave(p, q):

@@ -6,13 +6,11 @@ import torch
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.systems.rlc import AMPLITUDE, OFFSET
-from expertaug.systems.settings import SimulatedData
+from expertaug.systems.settings import SimulatedData, SimulatedSet
 from expertaug.systems.simulate import sample
 
-RANGES = {"z_e": {"L": [1.0, 5.0], "C": [0.5, 2.5]}, "z_a": {"R": [1.0, 3.0]}}
-DATA = SimulatedData.from_mapping(
-    {"seed": 0, "step_s": 0.1, "t2_s": 20.0, "noise": 0.0, "sets": {"train": RANGES | {"size": 20}}}
-)
+TRAIN = SimulatedSet(size=20, z_e={"L": (1.0, 5.0), "C": (0.5, 2.5)}, z_a={"R": (1.0, 3.0)})
+DATA = SimulatedData(seed=0, step_s=0.1, t2_s=20.0, noise=0.0, sets={"train": TRAIN})
 
 
 def exact(t, y0, z_e, z_a, by, source_rad_s):

@@ -15,7 +15,7 @@ from expertaug.cli import main
 from expertaug.errors import InputError, SolveError
 from expertaug.systems.base import constant_like
 from expertaug.systems.double_pendulum import Constants, accelerations, energy, point_masses
-from expertaug.systems.settings import SYSTEMS, PendulumSettings, SimulatedData, SimulateJob
+from expertaug.systems.settings import SYSTEMS, PendulumSettings, SimulatedData, SimulatedSet, SimulateJob
 from expertaug.systems.simulate import sample, simulate, trajectories
 from expertaug.systems.solvers.solver import Solver, check_finite
 from expertaug.trajectories import Trajectories
@@ -23,9 +23,9 @@ from expertaug.trajectories import Trajectories
 REAL = Constants(0.103, 69.4, 1.35, 93.5)
 
 
-def pendulum_data(size=50, noise=0.0, alpha=(0.0, 0.6), omega0=(1.5, 3.1)):
-    sets = {"train": {"size": size, "z_e": {"omega0": list(omega0)}, "z_a": {"alpha": list(alpha)}}}
-    return SimulatedData.from_mapping({"seed": 0, "step_s": 0.1, "t2_s": 20.0, "noise": noise, "sets": sets})
+def pendulum_data(size=50, noise=0.0, alpha=(0.0, 0.6)):
+    train = SimulatedSet(size=size, z_e={"omega0": (1.5, 3.1)}, z_a={"alpha": alpha})
+    return SimulatedData(seed=0, step_s=0.1, t2_s=20.0, noise=noise, sets={"train": train})
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
@@ -76,10 +76,8 @@ def test_a_pendulum_of_which_the_angle_is_seen_has_its_errors_alone(name):
 
 
 def test_a_pendulum_whose_friction_is_the_experts_moves_as_the_other():
-    data = pendulum_data(size=6)
-    rubbed = SimulatedData.from_mapping(
-        data.to_json() | {"sets": {"train": {"size": 6, "z_e": {"omega0": [1.5, 3.1], "alpha": [0.0, 0.6]}}}}
-    )
+    train = SimulatedSet(size=6, z_e={"omega0": (1.5, 3.1), "alpha": (0.0, 0.6)})
+    rubbed = pendulum_data().model_copy(update={"sets": {"train": train}})
     system = systems.load({"name": "pendulum", "friction": "estimated"})
     assert [p.name for p in system.expert_parameters] == ["omega0", "alpha"] and not system.interaction_parameters
     assert PendulumSettings(friction="estimated").expert_names == ("omega0", "alpha")
@@ -197,7 +195,7 @@ def test_bad_input_is_named():
     with pytest.raises(InputError, match=r"constants.*calibrate"):
         systems.load({"name": "double_pendulum"})
     with pytest.raises(InputError, match="min must not exceed max"):
-        sample(systems.load({"name": "pendulum"}), pendulum_data(omega0=(3.0, 1.0)), "train")
+        SimulatedSet.from_mapping({"size": 50, "z_e": {"omega0": [3.0, 1.0]}})
     with pytest.raises(InputError, match="euler9"):
         Solver("euler9")
 

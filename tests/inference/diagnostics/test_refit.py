@@ -10,10 +10,11 @@ from torch import nn
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.evaluation import validity
-from expertaug.evaluation.settings import ValidityJob
+from expertaug.evaluation.settings import FittedVersion, ValidityJob
 from expertaug.inference.diagnostics.validity import refit
 from expertaug.inference.settings import ValiditySettings
 from expertaug.models.decoder import Decoder
+from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
@@ -59,9 +60,9 @@ def test_f_a_changes_where_it_lacks_something():
     right, truth, data = made(0.0, (1.5, 3.1))
     lacking, _, _ = made(0.3, (0.8, 1.5))
     model = stored(Decoder(systems.load({"name": "pendulum"}), Friction()), data)
-    told = {"starts": 16, "tries": 2, "steps": 15}
-    own = refit(model, right, NOISE, PRIOR, told, HOW, truth)
-    other = refit(model, lacking, NOISE, PRIOR, told, HOW)
+    fit = RefinementSettings(starts=16, tries=2, steps=15)
+    own = refit(model, right, NOISE, PRIOR, fit, HOW, truth)
+    other = refit(model, lacking, NOISE, PRIOR, fit, HOW)
     assert own.z_e.shape == (2, 16, 1) and own.chi2.shape == own.squares.shape == (2, 16) and other.wrong is None
     assert own.change().max() < 0.1 and other.change().min() > 3 * own.change().max()
     assert other.chi2_after.mean() < 0.9 * other.chi2.mean() and 0.7 < own.chi2.median() < 1.3
@@ -83,10 +84,15 @@ def test_the_study_has_a_sentence_a_version():
     for name, z_e in (("train", (1.5, 3.1)), ("validation", (1.5, 3.1)), ("test", (0.6, 1.5))):
         sets[name] = pendulum(z_e, damping=(0.2, 0.5), n=12)
     model = stored(Decoder(systems.load({"name": "pendulum"}), Friction()), pendulum((1.5, 3.1), n=3))
-    fit = {"settings": {"starts": 8, "tries": 1, "steps": 10}, "noise": NOISE, "prior": PRIOR}
-    told = {"experiment": "pendulum", "versions": [["aphynity", "APHYNITY", fit]], "hues": [["aphynity", 0]]}
-    told |= {"validity": {"samples": 10, "steps": 2}, "device": "cpu", "title": None}
-    study = validity.validity([model], sets, ValidityJob.from_mapping(told))
+    fit = Refinement(settings=RefinementSettings(starts=8, tries=1, steps=10), noise=NOISE, prior=PRIOR)
+    job = ValidityJob(
+        experiment="pendulum",
+        versions=[FittedVersion("aphynity", "APHYNITY", fit)],
+        hues=[("aphynity", 0)],
+        validity=ValiditySettings(samples=10, steps=2),
+        device="cpu",
+    )
+    study = validity.validity([model], sets, job)
     table = study.numbers.set_index("set")
     assert list(table.index) == ["train", "validation", "test"] and table.loc["test", "windows"] == 10
     assert table.loc["test", "wrong"] < 30 and table.loc["test", "explained"] > 50

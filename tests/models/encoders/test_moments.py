@@ -8,7 +8,7 @@ from cards import card
 from expertaug import systems
 from expertaug.models.encoders.fields import PART, Moments
 from expertaug.models.estimators import Hybrid
-from expertaug.systems.settings import SimulatedData
+from expertaug.systems.settings import SimulatedData, SimulatedSet
 from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
@@ -56,9 +56,9 @@ def test_moments_do_not_change_when_fields_are_shifted_and_are_standardised():
 
 @pytest.mark.slow
 def test_moments_tell_the_diffusion_coefficients():
-    ranges = {"z_e": {"a": [0.001, 0.002], "b": [0.003, 0.007]}, "z_a": {"k": [0.003, 0.005]}}
-    data = {"seed": 0, "step_s": 0.1, "t2_s": 1.0, "noise": 0.0, "sets": {"train": ranges | {"size": 300}}}
-    drawn = sample(systems.load(SYSTEM), SimulatedData.from_mapping(data), "train")
+    ranges = SimulatedSet(size=300, z_e={"a": (0.001, 0.002), "b": (0.003, 0.007)}, z_a={"k": (0.003, 0.005)})
+    data = SimulatedData(seed=0, step_s=0.1, t2_s=1.0, noise=0.0, sets={"train": ranges})
+    drawn = sample(systems.load(SYSTEM), data, "train")
     y, z_e = torch.from_numpy(drawn.y).float(), torch.from_numpy(drawn.z_e).double()
     moments = Moments(systems.load(SYSTEM), 11, powers=(1,))
     moments.fit(y[:200])

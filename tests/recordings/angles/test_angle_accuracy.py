@@ -23,19 +23,18 @@ CLIPS = {400: 1.2, 38: 8.0, 30: 8.0}  # Hz → s
 def tracked(request, tmp_path_factory):
     """Rate, and a folder with markers.csv and truth.csv of a rendered recording."""
     rate, folder = request.param, tmp_path_factory.mktemp("clip")
-    look = {"rate_hz": float(rate), "duration_s": CLIPS[rate]}
-    render_recording(0, folder / "video.mp4", folder / "truth.csv", RenderVideoJob.from_mapping(look))
+    job = RenderVideoJob(rate_hz=float(rate), duration_s=CLIPS[rate])
+    render_recording(0, folder / "video.mp4", folder / "truth.csv", job)
     extract_frames(folder / "video.mp4", folder / "frames.b2frame", ExtractFramesJob())
     track_markers(folder / "frames.b2frame", folder / "markers.csv", TrackMarkersJob())
     return rate, folder
 
 
-def measured(folder, settings=None):
+def measured(folder, **settings):
     """Errors (n, 4) of the measured frames in deg and rad/s, errors (n, 2) of the raw angles, stated uncertainties
     (n, 4), the table and the summary."""
-    measure_angles(
-        folder / "markers.csv", folder / "angles.csv", folder / "angles.json", MeasureAnglesJob.from_mapping(settings)
-    )
+    files = (folder / name for name in ("markers.csv", "angles.csv", "angles.json"))
+    measure_angles(*files, MeasureAnglesJob(**settings))
     table, true = pd.read_csv(folder / "angles.csv"), pd.read_csv(folder / "truth.csv")
     good = (table["quality"] == 1).to_numpy()
     off = table[STATE].to_numpy() - true[STATE].to_numpy()
@@ -93,7 +92,7 @@ def test_uncertain_speeds_are_where_the_motion_between_the_frames_is_fast(tmp_pa
         y = np.stack((theta, 0 * times, omega, 0 * times), axis=1)
     markers(y, rate).to_csv(tmp_path / "markers.csv", index=False)
     pd.DataFrame(y, columns=STATE).to_csv(tmp_path / "truth.csv", index=False)
-    off, _, std, *_ = measured(tmp_path, {"rate_hz": rate, "single": single})
+    off, _, std, *_ = measured(tmp_path, rate_hz=rate, single=single)
     off, std = off[:, 2], std[:, 2]
     fast = std > np.quantile(std, 0.8)
     for part in (fast, ~fast):
@@ -102,7 +101,7 @@ def test_uncertain_speeds_are_where_the_motion_between_the_frames_is_fast(tmp_pa
 
 
 def test_a_window_that_is_given_is_taken_and_its_harm_is_told(tracked):
-    off, raw, std, _, summary = measured(tracked[1], {"smoothing_window_s": 0.08})
+    off, raw, std, _, summary = measured(tracked[1], smoothing_window_s=0.08)
     assert rms(off[:, 1]) > 1.5 * rms(raw[:, 1])
     assert 1 / 1.5 < rms(std[:, 1]) / rms(off[:, 1]) < 1.5
     assert sum("smoothing over 0.08 s makes the angles up to" in text for text in summary["warnings"]) == 1
@@ -135,7 +134,7 @@ def test_a_marker_off_its_hinge_is_modelled_and_reported(tmp_path, kind):
     off, *_, summary = measured(tmp_path)
     assert summary["offsets_px"] == {kind: pytest.approx(3.0, abs=0.05)}
     assert (rms(off[:, :2]) < [0.03, 0.04]).all() and summary["usable_share"] > 0.99
-    plain, *_ = measured(tmp_path, {"model_offsets": False})
+    plain, *_ = measured(tmp_path, model_offsets=False)
     assert rms(plain[:, :2]).max() > 0.5
 
 
@@ -170,7 +169,7 @@ def test_a_shaking_camera_is_followed(tmp_path):
     off, *_, summary = measured(tmp_path)
     assert summary["pivot_window_s"] == 0.0
     assert rms(off[:, 0]) < 0.05
-    averaged, *_ = measured(tmp_path, {"pivot_window_s": 0.04})
+    averaged, *_ = measured(tmp_path, pivot_window_s=0.04)
     assert rms(averaged[:, 0]) > 10 * rms(off[:, 0])
 
 

@@ -16,12 +16,11 @@ from expertaug_recordings.settings import ImportMarkersJob, MeasureAnglesJob
 STATE = ["theta1", "theta2", "omega1", "omega2"]
 
 
-def measure(folder, table, settings=None):
+def measure(folder, table, **settings):
     folder.mkdir(parents=True, exist_ok=True)
     table.to_csv(folder / "markers.csv", index=False)
-    measure_angles(
-        folder / "markers.csv", folder / "angles.csv", folder / "angles.json", MeasureAnglesJob.from_mapping(settings)
-    )
+    files = (folder / name for name in ("markers.csv", "angles.csv", "angles.json"))
+    measure_angles(*files, MeasureAnglesJob(**settings))
     return pd.read_csv(folder / "angles.csv"), json.loads((folder / "angles.json").read_text())
 
 
@@ -68,7 +67,7 @@ def test_the_default_window_is_near_the_best_at_every_rate(tmp_path, rate):
         squares = []
         for k, motion in enumerate(y):
             table = markers(motion[::step], rate, seed=k)
-            angles, _ = measure(tmp_path / str(k), table, {"smoothing_window_s": window})
+            angles, _ = measure(tmp_path / str(k), table, smoothing_window_s=window)
             squares.append((errors(angles, motion[::step])[:, 2:] / [1, 2]) ** 2)
         scores[window] = np.sqrt(np.concatenate(squares).mean())
     assert scores[0.08] <= 1.3 * min(scores.values()), scores
@@ -82,8 +81,8 @@ def test_a_swaying_pivot_is_followed(tmp_path):
     for name in ("pivot_y", "joint_y", "tip_y"):
         table[name] += sway
     followed = np.sqrt((errors(measure(tmp_path / "a", table)[0], y)[:, 0] ** 2).mean())
-    constant = {"pivot_window_s": 10.0}
-    fixed = np.sqrt((errors(measure(tmp_path / "b", table, constant)[0], y)[:, 0] ** 2).mean())
+    constant, _ = measure(tmp_path / "b", table, pivot_window_s=10.0)
+    fixed = np.sqrt((errors(constant, y)[:, 0] ** 2).mean())
     assert followed < 0.0005 < 5 * followed < fixed
 
 
@@ -119,7 +118,7 @@ def test_gaps_are_filled_only_where_short(tmp_path):
 def test_a_gap_in_which_an_arm_may_turn_is_never_filled(tmp_path):
     table = markers(truth()[0, :4000])
     table.loc[1000:1019, ["tip_x", "tip_y"]] = np.nan
-    angles, summary = measure(tmp_path / "a", table, {"max_gap_frames": 100})
+    angles, summary = measure(tmp_path / "a", table, max_gap_frames=100)
     assert summary["interpolated"] == 0 and (angles["quality"][1000:1020] == 0).all()
 
 
@@ -142,9 +141,8 @@ def test_faults_of_the_tracker_are_rejected(tmp_path):
 def test_implied_rate(tmp_path):
     """Times that are stretched by 500/400 make the motion imply 500 Hz at nominal 400."""
     length = GRAVITY * CONSTANTS.B2 / CONSTANTS.G2
-    _, summary = measure(
-        tmp_path / "a", markers(truth()[0, :8000]), {"arm1_m": length / 1.25**2, "rate_provenance": "x"}
-    )
+    table = markers(truth()[0, :8000])
+    _, summary = measure(tmp_path / "a", table, arm1_m=length / 1.25**2, rate_provenance="x")
     assert summary["implied_rate_hz"] == pytest.approx(500, rel=0.01)
     assert (summary["rate_hz"], summary["rate_provenance"]) == (400, "x")
 

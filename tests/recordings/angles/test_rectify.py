@@ -13,7 +13,7 @@ from expertaug.errors import InputError
 from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.reports.page import _heading
-from expertaug_recordings.settings import MeasureAnglesJob
+from expertaug_recordings.settings import MeasureAnglesJob, RectifyKeys
 from nightly import others_slow
 
 SIZE, FOCAL = (480, 480), 900.0
@@ -48,10 +48,8 @@ def filmed(folder, see, noise=0.07, count=3000):
 
 def errors(folder, y, **rectify):
     """Medians of the errors of both angles in degrees, without what is constant, and the summary."""
-    settings = {"rectify": rectify} if rectify else {}
-    measure_angles(
-        folder / "markers.csv", folder / "angles.csv", folder / "angles.json", MeasureAnglesJob.from_mapping(settings)
-    )
+    files = (folder / name for name in ("markers.csv", "angles.csv", "angles.json"))
+    measure_angles(*files, MeasureAnglesJob(rectify=RectifyKeys(**rectify)))
     table = pd.read_csv(folder / "angles.csv")
     off = np.angle(np.exp(1j * (table[["theta1", "theta2"]].to_numpy() - y[:, :2])))
     off = np.rad2deg(off[(table["quality"] == 1).to_numpy()])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug_recordings.markers.appearance import COLOURS, Appearance
+from expertaug_recordings.markers.appearance import COLOURS, Appearance, Colour
 from expertaug_recordings.markers.disks import Palette, hsv
 
 
@@ -55,7 +55,8 @@ def test_hue_saturation_and_value():
 
 
 def test_colours_are_told_apart_also_where_their_ranges_overlap():
-    palette = Palette(Appearance.from_mapping({"pivot": "green", "joint": "cyan", "tip": "red"}))
+    colours = (Colour(name, COLOURS[name]) for name in ("green", "cyan", "red"))
+    palette = Palette(Appearance("quadrant", *colours))
     hue = np.array([130, 185, 170, 195, 350, 10, 60, 250])
     colour = np.stack((hue, np.full(8, 0.6), np.full(8, 0.7)), axis=1)
     assert palette.identify(colour).tolist() == [0, 1, 1, 1, 2, 2, -1, -1]

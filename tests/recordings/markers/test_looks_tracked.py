@@ -13,7 +13,7 @@ from expertaug.errors import InputError
 from expertaug_recordings.markers.geometry import centre_of_circle, estimate_geometry, measure_diameter
 from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.markers.tracker import track_frames
-from expertaug_recordings.settings import ExtractFramesJob, TrackMarkersJob
+from expertaug_recordings.settings import AppearanceKeys, ExtractFramesJob, TrackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore, writing
 from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from expertaug_recordings.video.pixel_layout import Layout
@@ -30,9 +30,9 @@ LOOKS = {
 }
 
 
-def settings_of(style, names, marked, **more):
-    markers = {"style": style, "pivot": names[0] if marked else None, "joint": names[1], "tip": names[2]}
-    return TrackMarkersJob.from_mapping({"markers": markers, "marker_diameter_px": 24.0} | more)
+def settings_of(style, names, marked, diameter=24.0):
+    markers = AppearanceKeys(style=style, pivot=names[0] if marked else None, joint=names[1], tip=names[2])
+    return TrackMarkersJob(markers=markers, marker_diameter_px=diameter)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_an_unknown_diameter_is_measured(clip):
 def test_large_disks(states, tmp_path):
     centres = markers_of(states[:25, :2], (470.0, 420.0), (260.0, 170.0))
     frames = draw(centres, (960, 840), [PAINT[n] for n in ("red", "green", "blue")], diameter=70.0)
-    settings = settings_of("disk", ("red", "green", "blue"), True, marker_diameter_px=70.0)
+    settings = settings_of("disk", ("red", "green", "blue"), True, diameter=70.0)
     geometry, _ = estimate_geometry(frames[::4], settings)
     track = track_frames(frames, geometry, settings)
     assert set(track.reason) <= {"", "edge"}
@@ -106,20 +106,19 @@ def test_an_unmarked_pivot_is_found_or_given(states, tmp_path):
     with writing(store, Layout("bgr24", *SIZE), RATE, {}) as writer:
         for frame in frames:
             writer.append(frame)
-    markers = {"style": "disk", "pivot": None, "joint": "magenta", "tip": "cyan"}
-    for given in (None, [390.0, 165.0]):
-        settings = {"markers": markers | {"pivot_px": given}, "marker_diameter_px": 24.0}
-        track_markers(store, tmp_path / "markers.csv", TrackMarkersJob.from_mapping(settings))
+    for given in (None, (390.0, 165.0)):
+        look = AppearanceKeys(style="disk", pivot=None, joint="magenta", tip="cyan", pivot_px=given)
+        track_markers(store, tmp_path / "markers.csv", TrackMarkersJob(markers=look, marker_diameter_px=24.0))
         with (tmp_path / "markers.csv").open(newline="") as stream:
             rows = list(csv.DictReader(stream))
         pivot = np.array([[float(row["pivot_x"]), float(row["pivot_y"])] for row in rows])
         assert np.ptp(pivot, axis=0).max() == 0
         assert pivot[0] == pytest.approx(given or PIVOT, abs=0.1)
-    one = settings | {"markers": markers | {"joint": "yellow"}}
+    yellow = settings_of("disk", (None, "yellow", "cyan"), False)
     with pytest.raises(
         InputError, match=r"0 show both \(yellow in 0, cyan in 60\); show yellow and cyan disks of 24 px"
     ):
-        track_markers(store, tmp_path / "none.csv", TrackMarkersJob.from_mapping(one))
+        track_markers(store, tmp_path / "none.csv", yellow)
 
 
 def test_a_joint_that_hardly_moves_tells_no_pivot():
@@ -141,7 +140,7 @@ def test_an_unknown_diameter_of_nothing_is_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"of 12 frames looked at, none shows a marker; show red, green and blue quadrant"
     ):
-        track_markers(store, tmp_path / "markers.csv", TrackMarkersJob.from_mapping({"marker_diameter_px": None}))
+        track_markers(store, tmp_path / "markers.csv", TrackMarkersJob(marker_diameter_px=None))
 
 
 def test_the_turn_that_a_phone_writes_into_its_file_is_obeyed(states, tmp_path):

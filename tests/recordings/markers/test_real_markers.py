@@ -11,11 +11,12 @@ from expertaug_recordings.markers.disks import fitter
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry, sound
 from expertaug_recordings.markers.tracker import STIFFNESS, Tracker, track_frames
 from expertaug_recordings.rendering.render import run_stage as render_recording
-from expertaug_recordings.settings import RenderVideoJob, TrackMarkersJob
+from expertaug_recordings.settings import AppearanceKeys, RenderVideoJob, TrackMarkersJob
 from nightly import others_slow
 
 NAMES = ("red", "green", "blue")
 COLOURS = [PAINT[name] for name in NAMES]
+LOOK = AppearanceKeys(style="disk", pivot="red", joint="green", tip="blue")
 DARK = (35, 32, 30)
 
 
@@ -25,8 +26,7 @@ def centres():
 
 
 def tracked(frames, diameter=24.0):
-    markers = {"style": "disk", **dict(zip(("pivot", "joint", "tip"), NAMES, strict=True))}
-    settings = TrackMarkersJob.from_mapping({"markers": markers, "marker_diameter_px": diameter})
+    settings = TrackMarkersJob(markers=LOOK, marker_diameter_px=diameter)
     geometry, found = estimate_geometry(frames[::3], settings)
     return track_frames(frames, geometry, settings), geometry, found
 
@@ -71,8 +71,7 @@ def test_a_disk_that_was_expected_elsewhere_is_measured_where_it_is_or_not_at_al
     place = np.array([150.3, 140.8])
     blue = [PAINT["blue"], None, None]
     (frame,) = draw(np.tile(place, (1, 3, 1)), (300, 300), blue, 60.0, background=DARK, mark=mark)
-    colours = {"pivot": "red", "joint": "green", "tip": "blue"}
-    settings = TrackMarkersJob.from_mapping({"markers": {"style": "disk", **colours}, "marker_diameter_px": 60.0})
+    settings = TrackMarkersJob(markers=LOOK, marker_diameter_px=60.0)
     finder = fitter(60.0, settings.min_level, settings.rim_tolerance, settings.appearance, STIFFNESS)
     found = 0
     for angle in np.arange(0, 2 * np.pi, 0.3):

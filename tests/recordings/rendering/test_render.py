@@ -11,7 +11,7 @@ from expertaug_recordings.rendering.render import run_stage as render_recording
 from expertaug_recordings.rendering.scene import Scene
 from expertaug_recordings.settings import RenderVideoJob
 
-SHORT = {"duration_s": 0.1, "seed": 3}
+SHORT = RenderVideoJob(duration_s=0.1, seed=3)
 ARMS = (117.8, 90.1)
 
 
@@ -26,7 +26,7 @@ def read_all(path):
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rendered")
-    render_recording(1, folder / "video.mp4", folder / "truth.csv", RenderVideoJob.from_mapping(SHORT))
+    render_recording(1, folder / "video.mp4", folder / "truth.csv", SHORT)
     return folder
 
 
@@ -71,10 +71,9 @@ def test_motion_blur_is_the_mean_of_the_exposure():
 
 
 def test_same_seed_gives_the_same_bytes(rendered, tmp_path):
-    render_recording(
-        1, tmp_path / "video.mp4", tmp_path / "truth.csv", RenderVideoJob.from_mapping({**SHORT, "count": 2})
-    )
-    render_recording(0, tmp_path / "other.mp4", tmp_path / "other.csv", RenderVideoJob.from_mapping(SHORT))
+    two = SHORT.model_copy(update={"count": 2})
+    render_recording(1, tmp_path / "video.mp4", tmp_path / "truth.csv", two)
+    render_recording(0, tmp_path / "other.mp4", tmp_path / "other.csv", SHORT)
     assert (tmp_path / "video.mp4").read_bytes() == (rendered / "video.mp4").read_bytes()
     assert (tmp_path / "truth.csv").read_bytes() == (rendered / "truth.csv").read_bytes()
     assert (tmp_path / "other.mp4").read_bytes() != (rendered / "video.mp4").read_bytes()
@@ -99,7 +98,7 @@ def test_frames_look_like_the_real_one(rendered):
     brightest = frames.max(axis=3)
     assert 0.92 < (brightest == 0).mean() < 0.97
     assert 0.013 < (brightest > 50).mean() < 0.019
-    _, _, pivot = motion(1, RenderVideoJob.from_mapping(SHORT))
+    _, _, pivot = motion(1, SHORT)
     x, y = (round(v) for v in pivot)
     np.testing.assert_allclose(
         np.median(frames[:, y + 4 : y + 8, x + 4 : x + 8], axis=(0, 1, 2)), [125, 108, 166], atol=20
@@ -129,5 +128,5 @@ def test_bad_settings_are_named(settings, message):
 
 def test_recording_outside_the_set_is_refused(tmp_path):
     with pytest.raises(InputError, match="recording 5 of 2"):
-        render_recording(5, tmp_path / "v.mp4", tmp_path / "t.csv", RenderVideoJob.from_mapping({"count": 2}))
+        render_recording(5, tmp_path / "v.mp4", tmp_path / "t.csv", RenderVideoJob(count=2))
     assert not any(tmp_path.iterdir())

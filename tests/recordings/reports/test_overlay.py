@@ -44,8 +44,8 @@ def files_of(folder):
     return [folder / name for name in ("video.mp4", "markers.csv", "angles.csv", "angles.json")]
 
 
-def run(folder, output, settings=None, **more):
-    overlay(*files_of(folder), output, OverlayJob.from_mapping(settings), **more)
+def run(folder, output, job, forecasts=None):
+    overlay(*files_of(folder), output, job, forecasts)
     with av.open(str(output)) as container:
         stream = container.streams.video[0]
         frames = [frame.to_ndarray(format="bgr24") for frame in container.decode(video=0)]
@@ -54,7 +54,7 @@ def run(folder, output, settings=None, **more):
 
 @pytest.mark.slow
 def test_it_plays_in_a_browser(recording, tmp_path):
-    codec, rate, frames = run(recording, tmp_path / "overlay.mp4", {"speed": 0.5, "fps": 30})
+    codec, rate, frames = run(recording, tmp_path / "overlay.mp4", OverlayJob(speed=0.5, fps=30))
     assert (codec.name, codec.pix_fmt, codec.profile) == ("h264", "yuv420p", "High")
     data = (tmp_path / "overlay.mp4").read_bytes()
     assert 0 < data.find(b"moov") < data.find(b"mdat")  # the index comes first
@@ -63,10 +63,11 @@ def test_it_plays_in_a_browser(recording, tmp_path):
 
 
 def test_a_part_of_the_recording(recording, tmp_path):
-    _, rate, frames = run(recording, tmp_path / "o.mp4", {"start_s": 0.25, "duration_s": 0.25, "speed": 1.0, "fps": 60})
+    part = OverlayJob(start_s=0.25, duration_s=0.25, speed=1.0, fps=60)
+    _, rate, frames = run(recording, tmp_path / "o.mp4", part)
     assert rate == pytest.approx(60) and len(frames) == 15
     with pytest.raises(InputError, match=r"overlay\.start_s: 9 s is after its end at 0\.83 s"):
-        run(recording, tmp_path / "o.mp4", {"start_s": 9.0})
+        run(recording, tmp_path / "o.mp4", OverlayJob(start_s=9.0))
     assert [p.name for p in tmp_path.iterdir()] == ["o.mp4"]
 
 
@@ -150,9 +151,9 @@ def test_forecasts_that_cannot_be_placed_are_refused(recording, tmp_path):
 @pytest.mark.slow
 def test_a_forecast_is_shown_held_and_outside_of_the_chosen_part(recording, tmp_path):
     files = forecast_file(tmp_path, recording, 120, off=1.0)
-    settings = {"duration_s": 0.05, "speed": 1.0, "fps": 60}
-    _, _, plain = run(recording, tmp_path / "a.mp4", settings)
-    _, _, frames = run(recording, tmp_path / "b.mp4", settings, forecasts=files)
+    job = OverlayJob(duration_s=0.05, speed=1.0, fps=60)
+    _, _, plain = run(recording, tmp_path / "a.mp4", job)
+    _, _, frames = run(recording, tmp_path / "b.mp4", job, files)
     assert len(plain) == 3 and len(frames) > 3 + 10 + 60  # held for a second
     colour = np.array(GHOSTS[0])
     near = [(np.abs(frame[70:400].astype(int) - colour).max(axis=2) < 60).sum() for frame in frames]

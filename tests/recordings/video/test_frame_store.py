@@ -88,7 +88,7 @@ def test_of_a_rate_that_does_not_divide_the_frames_are_kept_for_resampling(video
 
 def test_the_analysis_rate_is_at_most_the_video_s(video, tmp_path):
     with pytest.raises(InputError, match=r"analysis rate of 800 Hz is above the frame rate of 400 Hz; set .* 400 or"):
-        extract_frames(video, tmp_path / "s.b2frame", ExtractFramesJob.from_mapping({"analysis_rate_hz": 800}))
+        extract_frames(video, tmp_path / "s.b2frame", ExtractFramesJob(analysis_rate_hz=800))
     assert not (tmp_path / "s.b2frame").exists()
 
 

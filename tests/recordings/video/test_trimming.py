@@ -10,7 +10,7 @@ from test_reader import drawn, remux
 from expertaug.errors import InputError
 from expertaug_recordings.markers.track import MaskedFrames
 from expertaug_recordings.markers.track import run_stage as track_markers
-from expertaug_recordings.settings import ExtractFramesJob, StatedTimes, TrackMarkersJob
+from expertaug_recordings.settings import AppearanceKeys, ExtractFramesJob, StatedTimes, TrackMarkersJob
 from expertaug_recordings.video.frame_store import FrameStore
 from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from expertaug_recordings.video.source import open_frames
@@ -38,7 +38,7 @@ def number_of(image):
 
 
 def numbers(path, step=1, **span):
-    with open_frames(path, StatedTimes.from_mapping(span)) as frames:
+    with open_frames(path, StatedTimes(**span)) as frames:
         read = [(index, number_of(image)) for index, image in frames.frames(step)]
         return read, frames
 
@@ -85,7 +85,7 @@ def test_a_span_of_pictures(tmp_path):
 @pytest.mark.parametrize("span", [{"from_s": 5.0}, {"from_s": 1.0, "to_s": 0.5}, {"to_s": 0.01}])
 def test_a_span_without_frames_is_refused(numbered, span):
     with pytest.raises(InputError, match=r"clip.mp4: from .* s there are [01] frames; it lasts 1.97 s: set recordings"):
-        open_frames(numbered, StatedTimes.from_mapping(span))
+        open_frames(numbered, StatedTimes(**span))
 
 
 def test_extraction_keeps_the_span(numbered, tmp_path):
@@ -105,19 +105,20 @@ def test_nothing_is_found_in_a_mask(tmp_path):
         cv2.circle(frame, (round(x), round(y)), 40, (150, 180, 220), -1, cv2.LINE_AA)
         cv2.circle(frame, (round(x), round(y)), 12, PAINT["green"], -1, cv2.LINE_AA)
     extract_frames(write_video(frames, tmp_path / "clip.mp4", RATE), tmp_path / "s.b2frame", ExtractFramesJob())
-    look = {"markers": {"style": "disk"}, "marker_diameter_px": 24, "max_lost_share": 1.0}
+    look = AppearanceKeys(style="disk")
 
-    def off(**masks):
-        track = track_markers(tmp_path / "s.b2frame", tmp_path / "m.csv", TrackMarkersJob.from_mapping(look | masks))
+    def off(mask):
+        job = TrackMarkersJob(markers=look, masks=[mask], marker_diameter_px=24, max_lost_share=1.0)
+        track = track_markers(tmp_path / "s.b2frame", tmp_path / "m.csv", job)
         return np.linalg.norm(track.position - centres, axis=2), track.quality
 
     for mask in ([[0, 0], [200, 200]], [[0, 0], [200, 0], [200, 200], [0, 200]]):
         seen, plain = MaskedFrames(FrameStore(tmp_path / "s.b2frame"), [mask])[3], FrameStore(tmp_path / "s.b2frame")[3]
         assert seen[:200, :200].max() == 0 and (seen[202:] == plain[202:]).all() and plain[:200, :200].max() > 100
-        error, quality = off(masks=[mask])
+        error, quality = off(mask)
         assert np.nanmax(error) < 1 and (quality > 0).all()
     with pytest.raises(InputError, match=r"red in 0, green in \d+"):
-        off(masks=[[[380, 150], [400, 180]]])  # over the pivot
+        off([[380, 150], [400, 180]])  # over the pivot
 
 
 def test_a_mask_has_corners():

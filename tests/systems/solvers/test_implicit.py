@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from expertaug.errors import InputError, SolveError
 from expertaug.systems import Parameter, System
-from expertaug.systems.settings import SimulatedData
+from expertaug.systems.settings import SimulatedData, SimulatedSet
 from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
 
@@ -58,14 +58,8 @@ def exact(k, start, times):
 @pytest.mark.parametrize("method", ["bdf", "radau"])
 def test_van_der_pol_is_simulated_over_its_relaxations(method, monkeypatch):
     monkeypatch.setattr(VanDerPol, "simulation", Solver(method, rtol=1e-8, atol=1e-10))
-    data = {
-        "seed": 0,
-        "step_s": 10.0,
-        "t2_s": 200.0,
-        "noise": 0.0,
-        "sets": {"train": {"size": 2, "z_e": {"k": [0.8, 1.2]}}},
-    }
-    found = sample(VanDerPol(), SimulatedData.from_mapping(data), "train")
+    sets = {"train": SimulatedSet(size=2, z_e={"k": (0.8, 1.2)})}
+    found = sample(VanDerPol(), SimulatedData(seed=0, step_s=10.0, t2_s=200.0, noise=0.0, sets=sets), "train")
     for n in range(2):
         k = float(found.z_e[n, 0])
         reference = exact(k, tuple(found.y[n, 0].astype(float)), tuple(found.t))
