@@ -160,6 +160,7 @@ class TestRefusals:
             ({"solver": "rk4"}, r"solver: found 'rk4'; give one, as expertaug.Solver\(.rk4.\)"),
             ({"forecast_solver": "rk4"}, "forecast_solver: found 'rk4'"),
             ({"horizon_s": "1"}, "training.horizon_s: found '1'"),
+            ({"horizon_s": 100.0}, "training.horizon_s: found 100; the data end at "),
             ({"label": 3}, "^label: found 3; give a text"),
             ({"objective": ea.DampedPendulum}, "objective: the class DampedPendulum is no Objective"),
             ({"preset": "best"}, "preset"),

@@ -184,6 +184,14 @@ def test_shipped_files_are_valid(base, name, tmp_path):
         ),
         ("experiments: {pendulum: {data: {t1_s: 30.0}}}", "t1_s must be less than t2_s"),
         ("experiments: {pendulum: {data: {t1_s: 5.05}}}", "give a multiple of step_s"),
+        (
+            "experiments: {pendulum: {training: {horizon_s: 21.0}}}",
+            "training.horizon_s: found 21; the data end at 20 s",
+        ),
+        (
+            "experiments: {pendulum: {overrides: {hvae: {finetuning: {horizon_s: 21.0}}}}}",
+            "overrides.hvae.finetuning.horizon_s: found 21; the data end at 20 s",
+        ),
         ("experiments: {double_pendulum: {data: {split: {train_share: 0.5}}}}", "the shares sum to 1.1"),
         ("experiments: {double_pendulum: {data: {split: {stride: 21}}}}", "give at most the length, 20"),
         ("experiments: {double_pendulum: {data: {split: {rate_hz: 150}}}}", "data.split.rate_hz: found 150"),

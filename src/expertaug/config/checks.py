@@ -125,6 +125,7 @@ def check_experiment(where: str, experiment: Experiment, config: Common) -> Iter
     if system is not None and system.events:
         yield from _events(where, experiment, methods, system.jumps)
     if experiment.data.source == "simulation":
+        yield from _loss_ends(where, experiment)
         yield from _simulation(where, experiment, system)
     elif experiment.data.source == "files":
         yield from wrong_measurements(where, experiment, system)
@@ -169,6 +170,16 @@ def _bounds(where: str, experiment: Experiment) -> Iterator[InputError]:
 def _options(training: TrainSettings | None) -> dict[str, object]:
     """Options of the objective that a training names."""
     return (training.objective if training is not None else None) or {}
+
+
+def _loss_ends(where: str, experiment: Experiment) -> Iterator[InputError]:
+    """Ends of loss windows beyond the simulated trajectories."""
+    end = experiment.data.t2_s
+    for keys, owner in ((where, experiment), *((f"{where}.overrides.{m}", o) for m, o in experiment.overrides.items())):
+        for name in ("training", "alternation", "finetuning"):
+            horizon = getattr(getattr(owner, name), "horizon_s", None)
+            if horizon is not None and horizon > end:
+                yield InputError(f"{keys}.{name}.horizon_s", f"found {horizon:g}", f"the data end at {end:g} s")
 
 
 def _overridden(

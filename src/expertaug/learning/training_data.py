@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from expertaug.errors import InputError
 from expertaug.learning.divergence import bound_of_card
 from expertaug.models.card import ModelCard
 from expertaug.presets import Choices
@@ -239,8 +240,16 @@ def task_of(
     scale: Tensor | float = 1.0,
     z_a_scale: Tensor | float = 1.0,
 ) -> Task:
-    """The task of a training, or of what was trained so, for the model of a card."""
-    horizon = card.observed if training.horizon_s is None else points_until(card.t, training.horizon_s)
+    """The task of a training, or of what was trained so, for the model of a card.
+
+    Raises:
+        InputError: the loss window ends a step or more after the data.
+    """
+    horizon, asked = card.observed, training.horizon_s
+    if asked is not None:
+        if asked >= 2 * card.t[-1] - card.t[-2]:
+            raise InputError("training.horizon_s", f"found {asked:g}", f"the data end at {card.t[-1]:g} s")
+        horizon = points_until(card.t, asked)
     weight, z_a_weight = (getattr(training, f"{of}supervision_weight", None) for of in ("", "z_a_"))
     return Task(
         t=torch.tensor(card.t, dtype=torch.float32),

@@ -215,7 +215,7 @@ def _lengths(axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, table: pd.
     """Lengths of the arms from hinge to hinge, off their medians, and how uncertain the markers make them; behind them
     in grey the distances between the markers."""
     seen, length = np.linalg.norm(np.diff(points.reshape(-1, 3, 2), axis=1), axis=2), table[list(CORRECTED[2:])]
-    plain, off = seen - np.nanmedian(seen, axis=0), corrected_off(length.to_numpy(float), seen)
+    plain, off = _off_median(seen), corrected_off(length.to_numpy(float), seen)
     reach = 1.3 * float(np.nanquantile(np.abs(off), 0.999)) + 0.05
     each = table[list(UNCERTAIN[len(STATE) :])].to_numpy(float)
     for k, (axis, colour) in enumerate(zip(axes, (FIRST, SECOND), strict=True)):
@@ -231,8 +231,13 @@ def _lengths(axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, table: pd.
 def corrected_off(length: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """By how much corrected lengths (n, 2) in px are off their medians; what a single pendulum lacks is as it was
     ``seen``."""
-    length = np.where(np.isfinite(length).any(0), length, seen)
-    return length - np.nanmedian(length, axis=0)
+    return _off_median(np.where(np.isfinite(length).any(0), length, seen))
+
+
+def _off_median(length: np.ndarray) -> np.ndarray:
+    """Lengths (n, 2) less the median of each column; not a number in a column that has none."""
+    some = np.isfinite(length).any(0)
+    return np.where(some, length - np.nanmedian(np.where(some, length, 0.0), axis=0), np.nan)
 
 
 def _angles(axis: Axes, t: np.ndarray, table: pd.DataFrame, quality: np.ndarray) -> None:

@@ -1,5 +1,7 @@
 """What the angles' uncertainty is made of besides noise, and which columns hold what was corrected."""
 
+import warnings
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -84,6 +86,9 @@ def test_a_single_pendulum_s_page_has_its_own_lengths(tmp_path):
         tmp_path, markers(np.concatenate((y, 0 * y), 1)).assign(tip_x=np.nan, tip_y=np.nan), single=True
     )
     assert angles["arm1_px"].notna().all() and angles["arm2_px"].isna().all()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # of means over nothing
+        plot_recording(*(tmp_path / name for name in ("markers.csv", "angles.csv", "angles.json")), tmp_path / "p.png")
 
 
 @pytest.mark.parametrize(("every", "wobble"), others_slow([(10, 0.25), (10, 0.5), (11, 0.3), (4, 0.3)], 2))
