@@ -88,6 +88,16 @@ def test_a_seed_that_could_not_be_trained_has_no_part_in_a_median(fit, sets):
     ).failed == [0]
 
 
+def test_a_seed_that_could_not_be_trained_is_not_printed(fit, sets, tmp_path, capsys):
+    path = tmp_path / "failed.safetensors"
+    replace(fit, stored=replace(fit.stored, card=fit.stored.card.but(failed=[0]))).save(path)
+    status, told = run(capsys, path, window(sets), tmp_path)
+    assert status == 0 and set(pd.read_csv(io.StringIO(told.out))["seed"]) == {1}
+    assert "left out, since they could not be trained: seeds 0" in told.err
+    status, told = run(capsys, path, window(sets), tmp_path, "--seed", "0")
+    assert status == 2 and "seed 0 could not be trained; it has 1" in told.err
+
+
 def test_one_seed_until_a_later_time_into_a_file(model, sets, tmp_path, capsys):
     options = ("--output", str(tmp_path / "out.csv"), "--seed", "1", "--t-end", "3.05")
     status, told = run(capsys, model, window(sets).drop(columns="sample"), tmp_path, *options)

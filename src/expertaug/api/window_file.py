@@ -51,7 +51,8 @@ def forecast_file(
             standard deviations over the seeds; a line for each trajectory is logged.
         output: CSV; None: standard output.  Its columns are seed, sample, ``t [s]``, the states and the estimates of
             the expert parameters, ``z_e omega0 [rad/s]``, the misfit of the window, and whether it is to be trusted.
-        seed: one of the model's; median: one forecast of all (:meth:`Forecast.median`); None: all.
+        seed: one of the model's; median: one forecast of all (:meth:`Forecast.median`); None: each that could be
+            trained.
         t_end: last time in s; beyond the training's times their last step goes on.  None: the training's last.
         classes: as of :func:`expertaug.load`.
         refine: standard deviation of the data's noise, 0 for none, or "estimated" as from the training's: estimates are
@@ -62,13 +63,19 @@ def forecast_file(
         measurements: how tables like the training's are read (:func:`expertaug.measurements.windows.settings_of`).
 
     Raises:
-        InputError: a file cannot be used, or the window's times are not the model's.
+        InputError: a file cannot be used, the window's times are not the model's, or the seed could not be trained.
     """
     trained = load(model, classes=classes)
+    failed = trained.stored.failed
+    usable = [number for number in trained.seeds if number not in failed]
     if isinstance(seed, int):
-        if seed not in trained.seeds:
-            raise InputError(model, f"no seed {seed}", f"it has {', '.join(map(str, trained.seeds))}")
+        if seed not in usable:
+            problem = f"seed {seed} could not be trained" if seed in failed else f"no seed {seed}"
+            raise InputError(model, problem, f"it has {', '.join(map(str, usable))}")
         trained = trained[trained.seeds.index(seed)]
+    elif failed:
+        logger.warning("%s: left out, since they could not be trained: seeds %s", model, ", ".join(map(str, failed)))
+        trained = trained[[trained.seeds.index(number) for number in usable]]
     if refine is not None:
         if refine != "estimated" and not 0 <= float(refine) < np.inf:
             raise InputError("--refine", f"found {refine:g}", "give the noise's standard deviation, at least 0")
