@@ -16,11 +16,13 @@ from expertaug.inference.posterior_predictive import predictive
 from expertaug.inference.settings import FlowJob, FlowSettings
 from expertaug.inference.simulations import HELD_OUT, Pool
 from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.settings import TrainOptions, TrainSettings
+from expertaug.learning.settings import Build, TrainJob, TrainOptions, TrainSettings
 from expertaug.learning.train import prepare as prepare_training
+from expertaug.learning.train import run_stage as train
 from expertaug.models import store as models
 from expertaug.models.describe import describe
 from expertaug.models.hybrid import HybridModel
+from expertaug.models.settings import PartsSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.settings import SimulatedData, SimulatedSet, SolverSettings
@@ -28,7 +30,7 @@ from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from seen import seen
-from typed_jobs import job, train
+from tiny import but
 
 RK4 = Solver("rk4")
 SMALL = {
@@ -67,15 +69,22 @@ def pendulum(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pendulum")
     sets = dict.fromkeys(("train", "validation", "test"), tiny.swings(40))
     tiny.simulated(folder, tiny.DATA.model_copy(update={"sets": sets}))
-    told = COMMON | {"method": "aphynity", "label": "APHYNITY", "t1_s": 1.0, "system": {"name": "pendulum"}}
-    told |= {"build": {"kind": "hybrid"}, "training": {"epochs": 1, "batch_size": 10, "solver": {"method": "rk4"}}}
     windows = {"theta": [0.0, 1.0], "omega": [0.0, 1.0]}
-    told["model"] = {
-        "encoder": {"kind": "window", "windows": windows, "layers": [8], "latent": 3},
-        "interaction": {"kind": "mlp", "layers": [6]},
-    }
+    job = TrainJob(
+        **COMMON,
+        method="aphynity",
+        label="APHYNITY",
+        system={"name": "pendulum"},
+        build=Build(kind="hybrid"),
+        model=PartsSettings(
+            encoder={"kind": "window", "windows": windows, "layers": [8], "latent": 3},
+            interaction={"kind": "mlp", "layers": [6]},
+        ),
+        training=TrainSettings(epochs=1, batch_size=10, solver=SolverSettings(method="rk4")),
+        t1_s=1.0,
+    )
     for name, seeds in (("both", [0, 1]), ("alone", [1])):
-        train(folder, folder / f"{name}.safetensors", folder / name, told | {"seeds": seeds}, None)
+        train(folder, folder / f"{name}.safetensors", folder / name, but(job, seeds=seeds), None)
     return folder
 
 
@@ -240,7 +249,7 @@ def test_draws_begin_where_training_windows_do_or_anywhere(pendulum, monkeypatch
 def test_what_is_wrong_is_said_in_a_line(pendulum, changed, expected):
     data = Trajectories.load(pendulum / "train.npz")
     with pytest.raises(InputError, match=expected):
-        prepare(models.load(pendulum / "both.safetensors"), data, job(FlowJob, PENDULUM.dump() | changed))
+        prepare(models.load(pendulum / "both.safetensors"), data, FlowJob.from_mapping(PENDULUM.dump() | changed))
 
 
 @pytest.mark.slow

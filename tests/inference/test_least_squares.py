@@ -28,7 +28,6 @@ from expertaug.systems.settings import SolverSettings
 from expertaug.systems.simulate import trajectories
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
-from typed_jobs import train_job
 
 T = np.linspace(0.0, 10.0, 101)
 OBSERVED, NOISE = 51, 0.01
@@ -152,7 +151,6 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
     from expertaug.trajectories import Trajectories
 
     train, validation = (Trajectories.load(data / f"{name}.npz") for name in ("train", "validation"))
-    settings = train_job(settings)
     described = train_stage.describe_recipe(settings)
     recipe = describe.recipe_of(systems.load(described.system), described)
     run = train_stage.prepare(recipe, train, validation, settings, described)
