@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from test_least_squares import NOISE, OBSERVED, expert_alone, pendulum
 
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.evaluation.own_priors import run_stage as own_priors
 from expertaug.evaluation.settings import OwnPriorsJob
@@ -15,6 +14,8 @@ from expertaug.inference.settings import FirstPriorJob
 from expertaug.learning.settings import Build, SolverOnly
 from expertaug.models.settings import PartsSettings, RefinementSettings
 from expertaug.stages.prior_file import read_ranges, with_ranges
+from expertaug.systems.double_pendulum import DoublePendulum
+from expertaug.systems.rlc import RLC
 from expertaug.windows import Windows
 from tiny import SETTINGS, of_kind
 
@@ -74,9 +75,9 @@ def test_nothing_is_widened_where_own_windows_cannot_be_fitted(train):
 
 
 def test_a_search_from_nothing_starts_around_the_typical_size():
-    system = systems.load({"name": "double_pendulum", "expert": "point_mass"})
+    system = DoublePendulum(expert="point_mass")
     found = typical_ranges(system)
-    assert found["omega1"] == (-100.0, 100.0) and typical_ranges(systems.load({"name": "rlc"}))["L"] == (0.2, 20.0)
+    assert found["omega1"] == (-100.0, 100.0) and typical_ranges(RLC())["L"] == (0.2, 20.0)
     few = RefinementSettings(starts=3, tries=2)
     assert (
         with_more_starts(few) == RefinementSettings(starts=256, tries=2)

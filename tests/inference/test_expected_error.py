@@ -10,7 +10,6 @@ import torch
 
 import tiny
 from cards import card
-from expertaug import systems
 from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import Scoring
 from expertaug.inference.least_squares import estimator_of
@@ -19,6 +18,7 @@ from expertaug.learning.train import run_stage as train
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.settings import PartsSettings, RefinementSettings
+from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.settings import SolverSettings
 from expertaug.systems.simulate import trajectories
 from expertaug.trajectories import Trajectories
@@ -31,7 +31,7 @@ SCORING = Scoring(draws=8, drawn_samples=1)
 
 @pytest.mark.parametrize("observed", others_slow([21, 51]))
 def test_a_fit_of_the_right_equation_expects_the_error_that_it_has(observed):
-    system = systems.load({"name": "pendulum"})
+    system = DampedPendulum()
     data = trajectories(system, {"omega0": (1.5, 3.1)}, {"alpha": (0.0, 0.0)}, n=80, t=T, noise=NOISE, seed=3)
     described = {"kind": "least_squares", "system": {"name": "pendulum"}, "t": T.tolist(), "observed": observed}
     described |= {"bound": [30.0, 90.0], "training": {}, "seeds": [0]}

@@ -8,7 +8,6 @@ import pytest
 import torch
 
 import expertaug as ea
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.learning import augment as augmentation
 from expertaug.learning import finetune as tuning
@@ -29,6 +28,8 @@ from expertaug.learning.train import run_stage as train
 from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.presets import ROWS, Choices, resolve
+from expertaug.systems.double_pendulum import DoublePendulum
+from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from nightly import others_slow
@@ -161,12 +162,12 @@ def test_augmented_samples_get_the_datas_noise(trained, data, tmp_path, settings
 
 
 def test_x_of_augmented_samples_is_the_datas_unless_resampled():
-    system = systems.load({"name": "double_pendulum", "expert": "point_mass"})
+    system = DoublePendulum(expert="point_mass")
     y0 = torch.zeros(2, 5000, 4)
     fresh = system.resample_known(y0, lambda k: torch.rand(2, 5000, k))
     assert torch.equal(fresh[..., 2:], y0[..., 2:])
     assert fresh[..., :2].min() < -3.1 and fresh[..., :2].max() > 3.1
-    one = systems.load({"name": "pendulum"})
+    one = DampedPendulum()
     assert one.resample_known(y0, lambda k: None) is y0
 
 

@@ -17,9 +17,11 @@ from expertaug.learning.training_data import Task
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.posterior import Delta, Posterior
 from expertaug.presets import resolve
+from expertaug.systems.rlc import RLC
 from expertaug.systems.solvers.solver import Solver
+from field_systems import Fisher
 
-SYSTEM = systems.load({"name": "rlc"})
+SYSTEM = RLC()
 TASK = Task(torch.arange(8) * 0.1, 5, 5, Solver("rk4"))
 CHOICES = resolve("corrected")
 WINDOW = {"kind": "window", "windows": {"U": [0, 0.4], "I": [0, 0.4]}, "layers": [6], "latent": 2}
@@ -48,7 +50,7 @@ def test_good_parts_pass(encoder, interaction):
 def test_fields_and_the_hybrid_vae_pass():
     two_step = {"kind": "two_step", "latent_layers": [4], "filter_layers": [4], "expert_layers": [4]}
     check(two_step, {"kind": "mlp", "layers": [4]}, HybridVAE, prior={"L": [1.0, 5.0], "C": [0.5, 2.5]})
-    fisher = systems.load({"name": "field_systems:Fisher"})
+    fisher = Fisher()
     check_parts(HybridModel(fisher, {"kind": "moments", "layers": [8]}, {"kind": "polynomial"}), TASK)
 
 

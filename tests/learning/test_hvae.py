@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from cards import card
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.learning import augment as augmentation
 from expertaug.learning.augment import run_stage as augment
@@ -21,6 +20,7 @@ from expertaug.models.estimators import Hybrid
 from expertaug.models.posterior import Gaussian, unconstrain
 from expertaug.models.settings import PartsSettings
 from expertaug.presets import resolve
+from expertaug.systems.reaction_diffusion import ReactionDiffusion
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from nightly import others_slow
@@ -266,7 +266,7 @@ def test_fields_have_the_same_objective():
     model = {"encoder": {"kind": "conv_two_step", **small}, "interaction": {"kind": "conv", "channels": [3, 3]}}
     description = {"model": model, "seeds": [0, 1], "t": [0.0, 0.1, 0.2], "observed": 3, "expert": True}
     description |= {"interaction": True, "likelihood": True}
-    system = systems.load({"name": "reaction_diffusion"})
+    system = ReactionDiffusion()
     stacked = Hybrid.network(system, card(description))
     y = torch.rand(3, 1, 4, 2, 32, 32, generator=torch.Generator().manual_seed(0))
     stacked.fit(seen(y[:, 0]))

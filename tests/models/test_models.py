@@ -14,6 +14,8 @@ from expertaug.models.estimators import Hybrid
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.networks.layers import GRU, Standardise
 from expertaug.models.posterior import Delta
+from expertaug.systems.pendulum import DampedPendulum
+from expertaug.systems.rlc import RLC
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
 
@@ -122,7 +124,7 @@ def test_gru_is_torchs():
 
 
 def test_the_order_in_which_windows_are_written_does_not_matter():
-    system, times = systems.load({"name": "rlc"}), torch.arange(5) * 0.1
+    system, times = RLC(), torch.arange(5) * 0.1
     windows = {"U": [0.0, 0.4], "I": [0.1, 0.2]}
     observed = torch.randn(5, 3, 2)
     written, turned = (
@@ -154,7 +156,7 @@ def test_inputs_are_standardised_by_the_training_set():
 
 def test_mean_model_predicts_the_mean():
     mean = torch.arange(8.0).reshape(4, 2)
-    forecast, z_e = MeanModel(systems.load({"name": "pendulum"}), mean).predict(
+    forecast, z_e = MeanModel(DampedPendulum(), mean).predict(
         seen(torch.zeros(2, 3, 5, 2), torch.arange(4.0)), Solver()
     )
     assert forecast.shape == (4, 3, 5, 2) and z_e is None
@@ -169,7 +171,7 @@ def test_delta_is_a_gaussian_up_to_a_constant():
 
 
 def test_bad_model_settings_are_named(tmp_path):
-    system, times = systems.load({"name": "pendulum"}), torch.arange(11) * 0.1
+    system, times = DampedPendulum(), torch.arange(11) * 0.1
     good = PENDULUM["model"]
     with pytest.raises(InputError, match=r"model\.encoder\.kind.*'cnn'"):
         HybridModel(system, **(good | {"encoder": {"kind": "cnn"}})).build_one(times)
@@ -195,7 +197,7 @@ def test_an_encoder_from_elsewhere_needs_no_change_here():
     model = PENDULUM["model"] | {
         "encoder": {"kind": "expertaug.models.encoders.recurrent:RecurrentEncoder", "hidden": 4, "layers": [3]}
     }
-    assert HybridModel(systems.load({"name": "pendulum"}), **model).build_one(torch.arange(3) * 0.1).encoder.latent == 4
+    assert HybridModel(DampedPendulum(), **model).build_one(torch.arange(3) * 0.1).encoder.latent == 4
 
 
 def test_an_input_that_training_holds_constant_is_not_blown_up():

@@ -9,6 +9,7 @@ from expertaug.models.interactions.convolutional import ConvInteraction
 from expertaug.models.interactions.mlp import MLPInteraction
 from expertaug.models.interactions.polynomial import PolynomialInteraction
 from expertaug.systems.reaction_diffusion import SIZE
+from expertaug.systems.rlc import RLC
 
 CASES = {"mlp": ("rlc", MLPInteraction, (5, 2)), "conv": ("reaction_diffusion", ConvInteraction, (5, 2, SIZE, SIZE))}
 
@@ -39,7 +40,7 @@ def test_expert_parameters_reach_the_interaction_on_request_only(kind):
 
 
 def test_the_default_draws_the_same_weights_as_without_the_option():
-    system = systems.load({"name": "rlc"})
+    system = RLC()
     drawn = []
     for arguments in ({}, {"expert_parameters": False}):
         torch.manual_seed(0)
@@ -93,7 +94,7 @@ def test_what_the_interaction_does_not_read_changes_nothing(kind, name, reads, u
 
 def test_harmonics_of_the_window_stand_for_the_time():
     """F_a is then periodic in the time, and knows where in the window it is."""
-    system, times = systems.load({"name": "rlc"}), torch.linspace(0, 2.0, 5)
+    system, times = RLC(), torch.linspace(0, 2.0, 5)
     torch.manual_seed(0)
     interaction = MLPInteraction(system, 1, times=times, layers=(8,), time=True, harmonics=3)
     assert interaction.state_layer.weight.shape[0] == 2 + 2 * 3

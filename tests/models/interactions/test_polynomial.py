@@ -8,7 +8,8 @@ from cards import card
 from expertaug import systems
 from expertaug.models.estimators import Hybrid
 from expertaug.models.interactions.polynomial import PolynomialInteraction
-from expertaug.systems.reaction_diffusion import local_reaction
+from expertaug.systems.reaction_diffusion import ReactionDiffusion, local_reaction
+from expertaug.systems.rlc import RLC
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
 
@@ -56,7 +57,7 @@ def test_the_first_forecasts_are_almost_the_experts(name):
 
 def test_it_becomes_the_local_reaction_and_goes_on_as_it():
     """Least squares on states in [0, 1] gives the cubic everywhere."""
-    system = systems.load({"name": "reaction_diffusion"})
+    system = ReactionDiffusion()
     model = PolynomialInteraction(system, 3).double()
     y = torch.rand(40, 2, 32, 32, dtype=torch.float64)
     model.fit(y.unsqueeze(0))
@@ -91,7 +92,7 @@ def test_a_block_computes_what_each_seed_does_alone(name):
 
 
 def test_one_seed_needs_no_seed_axis():
-    system = systems.load({"name": "rlc"})
+    system = RLC()
     model, y = PolynomialInteraction(system, 3, degree=2), torch.randn(5, 2)
     model.fit(torch.randn(4, 9, 2))
     rate = model(y, model.context(torch.randn(5, 3), torch.rand(5, 2)))
@@ -100,7 +101,7 @@ def test_one_seed_needs_no_seed_axis():
 
 def test_latent_degree_says_which_terms_vary():
     """With degree 0 the samples' rates differ by a constant; with 1 by a linear function of the state."""
-    system, z_a, z_e = systems.load({"name": "rlc"}), torch.randn(1, 3), torch.ones(1, 2)
+    system, z_a, z_e = RLC(), torch.randn(1, 3), torch.ones(1, 2)
     y = torch.linspace(-1, 1, 5)[:, None] * torch.tensor([1.0, 2.0])
     for degree in (0, 1):
         model = PolynomialInteraction(system, 3, degree=3, latent_degree=degree)
@@ -111,7 +112,7 @@ def test_latent_degree_says_which_terms_vary():
 
 
 def test_far_beyond_the_training_set_the_terms_stay_constant():
-    system = systems.load({"name": "reaction_diffusion"})
+    system = ReactionDiffusion()
     interaction = PolynomialInteraction(system, 1)
     interaction.fit(torch.rand(3, 8, 2, 32, 32))
     context = interaction.context(torch.ones(1, 1), torch.ones(1, 2))

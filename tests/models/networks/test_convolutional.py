@@ -13,6 +13,8 @@ from expertaug.models.estimators import Hybrid
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.convolutional import IN_CACHE, ConvInteraction
 from expertaug.models.networks.convolutional import CONVOLUTIONS, Conv, convolve, differences, wrap
+from expertaug.systems.advection_diffusion import AdvectionDiffusion
+from expertaug.systems.reaction_diffusion import ReactionDiffusion
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
 
@@ -56,7 +58,7 @@ def test_differences_end_where_fields_do(rank):
 
 
 def test_without_a_ring_a_network_sees_zeros_beyond_the_ends():
-    line = systems.load({"name": "advection_diffusion"})
+    line = AdvectionDiffusion()
     model = ConvInteraction(line, 1, channels=[4], kernels=[3, 1])
     y, z_a = torch.rand(1, 1, 20), torch.rand(1, 1)
     other = y.clone()
@@ -174,7 +176,7 @@ def test_double_precision_computes_what_torch_computes(rank, kernel, stride):
 
 
 def test_fields_in_parts_are_fields_at_once():
-    model = ConvInteraction(systems.load({"name": "reaction_diffusion"}), 1).double()
+    model = ConvInteraction(ReactionDiffusion(), 1).double()
     y = torch.rand(2 * IN_CACHE + 1, 2, 32, 32, dtype=torch.float64)
     context = model.context(torch.rand(len(y), 1, dtype=torch.float64), torch.rand(len(y), 2, dtype=torch.float64))
     with torch.no_grad():
