@@ -7,7 +7,6 @@ import torch
 
 import tiny
 from cards import card
-from expertaug import systems
 from expertaug.evaluation.evaluate import run_stage as evaluate
 from expertaug.evaluation.log_evaluations import run_stage as log_evaluations
 from expertaug.evaluation.settings import EvaluateJob, Scoring
@@ -22,6 +21,7 @@ from expertaug.models.settings import PartsSettings, Refinement, RefinementSetti
 from expertaug.systems.settings import SimulatedData, SimulatedSet, UserSystemSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.log import read_log
+from field_systems import Fisher
 from nightly import others_slow
 from seen import seen
 from tiny import but, of_kind
@@ -76,14 +76,14 @@ def test_it_is_trained_augmented_and_evaluated(fields, tmp_path, settings, encod
 )
 def test_shifted_fields_have_the_same_parameters_and_shifted_forecasts(parts):
     t = torch.arange(6) * 0.1
-    model = HybridModel(systems.load(SYSTEM), *parts).build(t[:4], [0, 1])
+    model = HybridModel(Fisher(), *parts).build(t[:4], [0, 1])
     y = torch.rand(4, 2, 3, 1, 64, generator=torch.Generator().manual_seed(0))
     model.fit(seen(y[:, 0]))
     states, z_e = model.predict(seen(y, t), Solver("rk4"))
     shifted, same = model.predict(seen(y.roll(8, -1), t), Solver("rk4"))
     torch.testing.assert_close(same, z_e, rtol=1e-4, atol=1e-7)
     torch.testing.assert_close(shifted, states.roll(8, -1), rtol=1e-4, atol=1e-5)
-    alone = HybridModel(systems.load(SYSTEM), *parts).build(t[:4], [1])
+    alone = HybridModel(Fisher(), *parts).build(t[:4], [1])
     alone.fit(seen(y[:, 0]))
     torch.testing.assert_close(
         alone.predict(seen(y[:, 1:], t), Solver("rk4"))[0][:, 0], states[:, 1], rtol=1e-4, atol=1e-5
@@ -91,7 +91,7 @@ def test_shifted_fields_have_the_same_parameters_and_shifted_forecasts(parts):
 
 
 def test_three_dimensions_pass_the_convolutions():
-    class Cube(type(systems.load(SYSTEM))):
+    class Cube(Fisher):
         @property
         def state_shape(self):
             return (1, 4, 4, 4)
@@ -107,7 +107,7 @@ def test_three_dimensions_pass_the_convolutions():
 
 def test_a_model_file_of_fields_is_read_again(tmp_path):
     t = [0.0, 0.1, 0.2]
-    recipe = HybridModel(systems.load(SYSTEM), *PARTS[1])
+    recipe = HybridModel(Fisher(), *PARTS[1])
     description = describe(recipe).model_dump() | {"kind": "hybrid", "t": t, "observed": 3, "seeds": [4]}
     model = recipe.build(t, [4])
     store.save(tmp_path / "m", model, card(description))

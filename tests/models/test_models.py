@@ -14,6 +14,7 @@ from expertaug.models.estimators import Hybrid
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.networks.layers import GRU, Standardise
 from expertaug.models.posterior import Delta
+from expertaug.systems.double_pendulum import DoublePendulum
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.rlc import RLC
 from expertaug.systems.solvers.solver import Solver
@@ -145,7 +146,7 @@ def test_window_encoder_sees_its_windows_only():
 
 
 def test_inputs_are_standardised_by_the_training_set():
-    system = systems.load(DOUBLE["system"])
+    system = DoublePendulum(constants=CONSTANTS)
     encoder = HybridModel(system, **DOUBLE["model"]).build_one(torch.arange(11) * 0.01).encoder
     observed = torch.randn(11, 4000, 4) * 0.3
     encoder.fit(observed)
@@ -177,7 +178,7 @@ def test_bad_model_settings_are_named(tmp_path):
         HybridModel(system, **(good | {"encoder": {"kind": "cnn"}})).build_one(times)
     with pytest.raises(InputError, match=r"model\.interaction\.width.*unknown"):
         HybridModel(system, **(good | {"interaction": {"kind": "mlp", "width": 3}})).build_one(times)
-    double = systems.load(DOUBLE["system"])
+    double = DoublePendulum(constants=CONSTANTS)
     with pytest.raises(InputError, match=r"windows\.theta3"):
         HybridModel(double, **(good | {"encoder": {"kind": "window", "windows": {"theta3": [0, 1]}}})).build_one(times)
     (tmp_path / "m").write_bytes(b"nonsense")

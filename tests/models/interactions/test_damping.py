@@ -3,16 +3,18 @@
 import pytest
 import torch
 
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models.interactions.damping import DampingInteraction
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.reaction_diffusion import ReactionDiffusion
+from expertaug.systems.rlc import RLC
 
 
-@pytest.mark.parametrize(("name", "component"), [("pendulum", "omega"), ("rlc", "I"), ("reaction_diffusion", "u")])
-def test_each_component_is_damped_in_proportion_to_itself_for_every_z_a(name, component):
-    system = systems.load({"name": name})
+@pytest.mark.parametrize(
+    ("system_class", "component"), [(DampedPendulum, "omega"), (RLC, "I"), (ReactionDiffusion, "u")]
+)
+def test_each_component_is_damped_in_proportion_to_itself_for_every_z_a(system_class, component):
+    system = system_class()
     torch.manual_seed(0)
     damping = DampingInteraction(system, 2, components=[component])
     at = [c.name for c in system.state].index(component)
