@@ -19,11 +19,13 @@ import yaml
 from expertaug.config import jobs, shown_settings, stage_settings
 from expertaug.config import load as config
 from expertaug.config.jobs import variants
+from expertaug.evaluation import evaluate as evaluating
 from expertaug.evaluation.plot import NAMES
 from expertaug.evaluation.plot import run_stage as plot
-from expertaug.evaluation.settings import PlotJob, TabulateJob
+from expertaug.evaluation.settings import EvaluateJob, PlotJob, Scoring, TabulateJob
 from expertaug.evaluation.tabulate import run_stage as tabulate
 from expertaug.models import store
+from expertaug.presets import Choices
 from expertaug.systems.settings import SimulateJob
 from expertaug.systems.simulate import simulate
 from expertaug.tracking.log import read_log
@@ -181,12 +183,18 @@ def a_model_that_explodes_is_scored_like_the_others(folder):
     last = stored.model.interaction.rest.layers[-1]
     last.bias.data[1] = 1e3
     store.save(folder / "wild/model.safetensors", stored.model, stored.card)
-    settings = {"method": "wild", "label": "Wild", "evaluation": {}, "choices": {"forecast_start": "y0"}}
-    settings |= {"experiment": NAME, "preset": "corrected", "seeds": [0, 1], "device": "cpu"} | {
-        "classes": ["own.predation"]
-    }
+    job = EvaluateJob(
+        experiment=NAME,
+        method="wild",
+        label="Wild",
+        preset="corrected",
+        choices=Choices(forecast_start="y0"),
+        seeds=[0, 1],
+        evaluation=Scoring(),
+        classes=["own.predation"],
+    )
     paths = folder / "wild/metrics.csv", folder / "wild/forecasts.npz"
-    evaluate(folder / "wild/model.safetensors", folder, *paths, settings)
+    evaluating.run_stage(folder / "wild/model.safetensors", folder, *paths, job)
     values = pd.read_csv(paths[0]).set_index(["seed", "set", "metric"])["value"]
     assert values[1, "test", "runaway_share"] == 1 and np.isfinite(values).all()
     as_trained = pd.read_csv(folder / "aphynity/metrics.csv").set_index(["seed", "set", "metric"])["value"]

@@ -9,7 +9,6 @@ from own_systems import Block
 
 import expertaug as ea
 from expertaug.errors import InputError
-from expertaug.systems import load
 from expertaug.systems.bouncing_ball import BouncingBall
 from expertaug.systems.check_system import check_system
 from expertaug.systems.inputs import solve
@@ -83,7 +82,7 @@ def test_gradients_are_those_of_the_crossing_too(name):
 
 
 def test_the_contract_holds_and_says_what_does_not():
-    check_system(load({"name": "bouncing_ball"}), z_e=GRAVITY, z_a=DRAG)
+    check_system(BouncingBall(), z_e=GRAVITY, z_a=DRAG)
     check_system(Block())
 
     class Stepped(Block):

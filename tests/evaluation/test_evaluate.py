@@ -22,8 +22,11 @@ from expertaug.evaluation.log_evaluations import run_stage as log_evaluations
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.settings import EvaluateJob, Scoring
 from expertaug.evaluation.tabulate import run_stage as tabulate
+from expertaug.learning.settings import Build, SolverOnly, TrainSettings, UntrainedJob
+from expertaug.learning.train import run_stage as train
 from expertaug.models import store
 from expertaug.models.decoder import MeanModel
+from expertaug.models.settings import PartsSettings
 from expertaug.presets import Choices
 from expertaug.systems.reaction_diffusion import ReactionDiffusion
 from expertaug.systems.settings import SimulatedData, SolverSettings
@@ -33,28 +36,35 @@ from expertaug.trajectories import SetFolder, Trajectories
 from expertaug.windows import Windows
 from nightly import others_slow
 from seen import seen
-from typed_jobs import train
+from tiny import but, of_kind
 
 SETS = dict.fromkeys(("train", "validation", "iid", "test"), tiny.swings(12))
 DATA = SimulatedData(seed=0, step_s=0.1, t2_s=2.0, noise=0.0, sets=SETS)
 SEEDS = [4, 7]
-TRAINING = tiny.SETTINGS | {
-    "seeds": SEEDS,
-    "model": {
-        "encoder": {"kind": "recurrent", "hidden": 4, "layers": [4]},
-        "interaction": {"kind": "mlp", "layers": [4, 4]},
-    },
-    "training": {"epochs": 1, "batch_size": 6},
-}
+ENCODER, INTERACTION = {"kind": "recurrent", "hidden": 4, "layers": [4]}, {"kind": "mlp", "layers": [4, 4]}
+TRAINING = but(
+    tiny.SETTINGS,
+    seeds=SEEDS,
+    model=PartsSettings(encoder=ENCODER, interaction=INTERACTION),
+    training=TrainSettings(epochs=1, batch_size=6),
+)
+MEAN = of_kind(
+    UntrainedJob,
+    TRAINING,
+    method="mean",
+    label="Mean",
+    build=Build(kind="mean"),
+    model=PartsSettings(),
+    training=SolverOnly(),
+)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tiny.simulated(tmp_path_factory.mktemp("evaluate"), DATA)
     train(folder, folder / "model.safetensors", folder / "work", TRAINING, None)
-    mean = TRAINING | {"build": {"kind": "mean"}, "model": {}, "training": {}, "method": "mean", "label": "Mean"}
-    train(folder, folder / "mean.safetensors", folder / "work", mean, None)
-    agnostic = TRAINING | {"build": {"kind": "hybrid", "expert": False}, "method": "ml_only", "label": "ML only"}
+    train(folder, folder / "mean.safetensors", folder / "work", MEAN, None)
+    agnostic = but(TRAINING, method="ml_only", label="ML only", build=Build(kind="hybrid", expert=False))
     train(folder, folder / "ml_only.safetensors", folder / "work", agnostic, None)
     return folder
 

@@ -5,12 +5,13 @@ import math
 import pytest
 import torch
 
-from expertaug import systems
 from expertaug.evaluation import metrics
 from expertaug.evaluation.metrics import Metric, Outcome, log_mse, metric_of, parameter_errors, register, values_of
+from expertaug.systems.double_pendulum import DoublePendulum
+from expertaug.systems.pendulum import DampedPendulum
 
-PENDULUM = systems.load({"name": "pendulum"})
-DOUBLE = systems.load({"name": "double_pendulum", "expert": "point_mass"})
+PENDULUM = DampedPendulum()
+DOUBLE = DoublePendulum(expert="point_mass")
 
 
 def outcome(errors):

@@ -5,16 +5,19 @@ from __future__ import annotations
 import pytest
 from test_least_squares import NOISE, OBSERVED, expert_alone, pendulum
 
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.evaluation.own_priors import run_stage as own_priors
 from expertaug.evaluation.settings import OwnPriorsJob
 from expertaug.inference.adaptive_prior import adapt_prior, typical_ranges, widen_prior, with_more_starts
-from expertaug.models.settings import RefinementSettings
+from expertaug.inference.adaptive_prior import run_stage as stage
+from expertaug.inference.settings import FirstPriorJob
+from expertaug.learning.settings import Build, SolverOnly
+from expertaug.models.settings import PartsSettings, RefinementSettings
 from expertaug.stages.prior_file import read_ranges, with_ranges
+from expertaug.systems.double_pendulum import DoublePendulum
+from expertaug.systems.rlc import RLC
 from expertaug.windows import Windows
-from tiny import SETTINGS
-from typed_jobs import own_prior as stage
+from tiny import SETTINGS, of_kind
 
 SEEN = {"omega0": (1.5, 3.1)}
 
@@ -72,9 +75,9 @@ def test_nothing_is_widened_where_own_windows_cannot_be_fitted(train):
 
 
 def test_a_search_from_nothing_starts_around_the_typical_size():
-    system = systems.load({"name": "double_pendulum", "expert": "point_mass"})
+    system = DoublePendulum(expert="point_mass")
     found = typical_ranges(system)
-    assert found["omega1"] == (-100.0, 100.0) and typical_ranges(systems.load({"name": "rlc"}))["L"] == (0.2, 20.0)
+    assert found["omega1"] == (-100.0, 100.0) and typical_ranges(RLC())["L"] == (0.2, 20.0)
     few = RefinementSettings(starts=3, tries=2)
     assert (
         with_more_starts(few) == RefinementSettings(starts=256, tries=2)
@@ -83,10 +86,18 @@ def test_a_search_from_nothing_starts_around_the_typical_size():
 
 
 def test_the_stage_writes_ranges_that_other_stages_read(data, tmp_path):
-    told = {"windows": ["test"], "budget": 2.0, "noise": 0.01, "refinement": {"starts": 16, "tries": 1}}
-    alone = {k: SETTINGS[k] for k in ("experiment", "method", "label", "preset", "system", "t1_s", "choices", "seeds")}
-    alone |= {"build": {"kind": "least_squares"}, "model": {}, "training": {}}
-    found = stage(None, data, tmp_path / "prior.json", told | alone)
+    job = of_kind(
+        FirstPriorJob,
+        SETTINGS,
+        build=Build(kind="least_squares"),
+        model=PartsSettings(),
+        training=SolverOnly(),
+        windows=["test"],
+        budget=2.0,
+        noise=0.01,
+        refinement=RefinementSettings(starts=16, tries=1),
+    )
+    found = stage(None, data, tmp_path / "prior.json", job)
     ranges = read_ranges(tmp_path / "prior.json")
     assert ranges == {"omega0": list(found.ranges["omega0"])} and 0 < ranges["omega0"][0] < 3.1
     settings = {"prior": "own", "refinement": {"prior": "own", "noise": 0.0}, "system": {"name": "pendulum"}}

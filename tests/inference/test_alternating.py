@@ -1,7 +1,5 @@
 """Learning F_a by alternation: it finds a known F_a, goes on to the same bits after a kill, and seeds do not meddle."""
 
-import copy
-
 import numpy as np
 import pytest
 import torch
@@ -11,25 +9,31 @@ import tiny
 from expertaug import systems
 from expertaug.errors import InputError, SolveError
 from expertaug.inference import alternating as stage
+from expertaug.inference.alternating import run_stage as alternate
 from expertaug.inference.least_squares import refined_by
-from expertaug.inference.settings import AlternateJob
+from expertaug.inference.settings import AlternateJob, AlternatingSettings
+from expertaug.learning.settings import Build
 from expertaug.learning.train import describe_recipe
 from expertaug.models import store
+from expertaug.models.settings import PartsSettings, Refinement, RefinementSettings
+from expertaug.systems.settings import SolverSettings
 from expertaug.trajectories import Trajectories
 from seen import seen
-from typed_jobs import alternate, job
+from tiny import but, of_kind
 
 SETS = {name: tiny.swings(size, alpha=(0.1, 0.6)) for name, size in (("train", 80), ("validation", 20))}
 DATA = tiny.DATA.model_copy(update={"t2_s": 4.0, "sets": SETS})
-SETTINGS = tiny.SETTINGS | {
-    "method": "alternating",
-    "label": "Alternating",
-    "build": {"kind": "alternating"},
-    "model": {"interaction": {"kind": "mlp", "layers": [8], "activation": "silu", "components": ["omega"]}},
-    "training": {"steps": 6, "batch_size": 40, "validate_every": 3, "checkpoint_s": 0.0},
-    "refinement": {"settings": {"starts": 16, "tries": 2}, "noise": 0.01, "prior": {"omega0": [0.5, 3.5]}},
-    "t1_s": 2.0,
-}
+SETTINGS = of_kind(
+    AlternateJob,
+    tiny.SETTINGS,
+    method="alternating",
+    label="Alternating",
+    build=Build(kind="alternating"),
+    model=PartsSettings(interaction={"kind": "mlp", "layers": [8], "activation": "silu", "components": ["omega"]}),
+    training=AlternatingSettings(steps=6, batch_size=40, validate_every=3, checkpoint_s=0.0),
+    refinement=Refinement(settings=RefinementSettings(starts=16, tries=2), noise=0.01, prior=tiny.PRIOR),
+    t1_s=2.0,
+)
 
 
 @pytest.fixture(scope="module")
@@ -39,11 +43,14 @@ def data(tmp_path_factory):
 
 @pytest.fixture
 def settings():
-    return copy.deepcopy(SETTINGS)
+    return SETTINGS
+
+
+def trained_by(settings, **training):
+    return but(settings, training=but(settings.training, **training))
 
 
 def prepared(data, settings):
-    settings = job(AlternateJob, settings)
     described = describe_recipe(settings)
     sets = [Trajectories.load(data / f"{name}.npz") for name in ("train", "validation")]
     return stage.prepare(systems.load(described.system), *sets, settings, described)
@@ -51,9 +58,8 @@ def prepared(data, settings):
 
 @pytest.mark.slow
 def test_finds_the_damping(data, settings):
-    settings["training"] |= {"steps": 320, "validate_every": 40, "learning_rate": 0.02}
-    settings["seeds"] = [0]
-    training = prepared(data, settings)
+    long = trained_by(settings, steps=320, validate_every=40, learning_rate=0.02)
+    training = prepared(data, but(long, seeds=[0]))
     stored = training.run()
     validation = Trajectories.load(data / "validation.npz")
     y = torch.from_numpy(validation.y).movedim(1, 0).unsqueeze(1)
@@ -99,7 +105,7 @@ def test_goes_on_to_the_same_bits_after_a_kill(data, settings, tmp_path, monkeyp
 @pytest.mark.slow
 def test_a_seed_is_the_same_alone_and_in_a_group(data, settings):
     together = prepared(data, settings).run()
-    alone = prepared(data, settings | {"seeds": [1]}).run()
+    alone = prepared(data, but(settings, seeds=[1])).run()
     for key, value in alone.model.state_dict().items():
         torch.testing.assert_close(value[0], together.model.state_dict()[key][1], rtol=1e-4, atol=1e-5)
     assert not torch.allclose(
@@ -109,10 +115,9 @@ def test_a_seed_is_the_same_alone_and_in_a_group(data, settings):
 
 @pytest.mark.slow
 def test_the_interaction_leaves_to_the_expert_what_is_its_own(data, settings):
-    settings["training"] |= {"steps": 60, "validate_every": 60, "learning_rate": 0.02}
-
     def share(weight):
-        training = prepared(data, settings | {"training": settings["training"] | {"share": weight}})
+        how = {"steps": 60, "validate_every": 60, "learning_rate": 0.02, "share": weight}
+        training = prepared(data, trained_by(settings, **how))
         training.run()
         return training.trainer.step()["expert_share"]
 
@@ -121,10 +126,9 @@ def test_the_interaction_leaves_to_the_expert_what_is_its_own(data, settings):
 
 @pytest.mark.slow
 def test_a_large_penalty_keeps_the_interaction_small(data, settings):
-    settings["training"] |= {"steps": 30, "validate_every": 30, "learning_rate": 0.02}
-
     def size(penalty):
-        training = prepared(data, settings | {"training": settings["training"] | {"penalty": penalty}})
+        how = {"steps": 30, "validate_every": 30, "learning_rate": 0.02, "penalty": penalty}
+        training = prepared(data, trained_by(settings, **how))
         training.run()
         return training.trainer.step()["size"]
 
@@ -132,10 +136,10 @@ def test_a_large_penalty_keeps_the_interaction_small(data, settings):
 
 
 def test_a_model_file_holds_what_forecasts_need(data, settings, tmp_path):
-    settings["training"] |= {"steps": 2, "batch_size": 10, "validate_every": 2}
-    settings["refinement"]["settings"] |= {"tries": 1, "steps": 4}
+    fit = but(settings.refinement, settings=but(settings.refinement.settings, tries=1, steps=4))
+    job = but(trained_by(settings, steps=2, batch_size=10, validate_every=2), refinement=fit)
     path = tmp_path / "model.safetensors"
-    alternate(data, path, tmp_path / "work", settings, None)
+    alternate(data, path, tmp_path / "work", job, None)
     stored = store.load(path)
     assert stored.card.kind == "alternating" and stored.seeds == [0, 1]
     windows = torch.from_numpy(Trajectories.load(data / "validation.npz").y[:3, :21]).movedim(1, 0).unsqueeze(1)
@@ -155,7 +159,7 @@ def test_seeds_that_never_forecast_are_said(data, settings, monkeypatch):
 
 def test_an_interaction_model_is_needed(data, settings):
     with pytest.raises(InputError, match=r"model\.interaction: missing"):
-        prepared(data, settings | {"model": {}})
+        prepared(data, but(settings, model=PartsSettings()))
 
 
 def test_the_size_is_measured_by_the_data_where_the_expert_alone_stands_still():
@@ -165,16 +169,15 @@ def test_the_size_is_measured_by_the_data_where_the_expert_alone_stands_still():
         ea.simulate(ea.LotkaVolterra(), rates, {"b": (0.5, 1.0), "d": (0.5, 1.0)}, n=20, t=t, seed=seed)
         for seed in (0, 1)
     )
-    settings = SETTINGS | {
-        "system": {"name": "lotka_volterra"},
-        "model": {"interaction": {"kind": "mlp", "layers": [8], "activation": "silu"}},
-        "training": {"steps": 1, "latent": 2, "solver": {"method": "rk4", "substeps": 2}},
-        "refinement": SETTINGS["refinement"] | {"prior": {"a": [0.2, 1.0], "c": [0.2, 1.0]}},
-        "t1_s": 5.0,
-    }
-    options = job(AlternateJob, settings)
-    described = describe_recipe(options)
-    trainer = stage.prepare(systems.load(described.system), train, validation, options, described).trainer
+    job = but(
+        SETTINGS,
+        system={"name": "lotka_volterra"},
+        model=PartsSettings(interaction={"kind": "mlp", "layers": [8], "activation": "silu"}),
+        training=AlternatingSettings(steps=1, latent=2, solver=SolverSettings(method="rk4", substeps=2)),
+        refinement=but(SETTINGS.refinement, prior={"a": (0.2, 1.0), "c": (0.2, 1.0)}),
+        t1_s=5.0,
+    )
+    trainer = stage.prepare(ea.LotkaVolterra(), train, validation, job, describe_recipe(job)).trainer
     trainer.begin()
     slopes = np.sqrt((np.diff(train.y[:, :11], axis=1) / 0.5) ** 2).astype(float)
     slopes = np.sqrt((slopes**2).mean((0, 1)))

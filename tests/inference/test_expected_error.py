@@ -10,18 +10,20 @@ import torch
 
 import tiny
 from cards import card
-from expertaug import systems
 from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import Scoring
 from expertaug.inference.least_squares import estimator_of
+from expertaug.learning.settings import TrainSettings
+from expertaug.learning.train import run_stage as train
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
-from expertaug.models.settings import RefinementSettings
+from expertaug.models.settings import PartsSettings, RefinementSettings
+from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.settings import SolverSettings
 from expertaug.systems.simulate import trajectories
 from expertaug.trajectories import Trajectories
 from nightly import others_slow
-from typed_jobs import train
+from tiny import but
 
 T, NOISE, CPU = np.linspace(0.0, 10.0, 101), 0.01, torch.device("cpu")
 SCORING = Scoring(draws=8, drawn_samples=1)
@@ -29,7 +31,7 @@ SCORING = Scoring(draws=8, drawn_samples=1)
 
 @pytest.mark.parametrize("observed", others_slow([21, 51]))
 def test_a_fit_of_the_right_equation_expects_the_error_that_it_has(observed):
-    system = systems.load({"name": "pendulum"})
+    system = DampedPendulum()
     data = trajectories(system, {"omega0": (1.5, 3.1)}, {"alpha": (0.0, 0.0)}, n=80, t=T, noise=NOISE, seed=3)
     described = {"kind": "least_squares", "system": {"name": "pendulum"}, "t": T.tolist(), "observed": observed}
     described |= {"bound": [30.0, 90.0], "training": {}, "seeds": [0]}
@@ -57,15 +59,10 @@ def test_a_fit_of_the_right_equation_expects_the_error_that_it_has(observed):
 def model(tmp_path_factory):
     sets = dict.fromkeys(("train", "validation"), tiny.swings(12))
     folder = tiny.simulated(tmp_path_factory.mktemp("expected"), tiny.DATA.model_copy(update={"sets": sets}))
-    settings = tiny.SETTINGS | {
-        "seeds": [4, 7],
-        "model": {
-            "encoder": {"kind": "recurrent", "hidden": 4, "layers": [4]},
-            "interaction": {"kind": "mlp", "layers": [4, 4]},
-        },
-        "training": {"epochs": 1, "batch_size": 6},
-    }
-    train(folder, folder / "model.safetensors", folder / "work", settings, None)
+    encoder, interaction = {"kind": "recurrent", "hidden": 4, "layers": [4]}, {"kind": "mlp", "layers": [4, 4]}
+    model = PartsSettings(encoder=encoder, interaction=interaction)
+    job = but(tiny.SETTINGS, seeds=[4, 7], model=model, training=TrainSettings(epochs=1, batch_size=6))
+    train(folder, folder / "model.safetensors", folder / "work", job, None)
     return store.load(folder / "model.safetensors", CPU), Trajectories.load(folder / "validation.npz")
 
 

@@ -5,7 +5,6 @@ import torch
 from known_posterior import COMMON, NOISE, lines
 
 import tiny
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.evaluation.forecasting import forecast
 from expertaug.inference.coordinates import PriorTransform
@@ -16,19 +15,23 @@ from expertaug.inference.posterior_predictive import predictive
 from expertaug.inference.settings import FlowJob, FlowSettings
 from expertaug.inference.simulations import HELD_OUT, Pool
 from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.settings import TrainOptions, TrainSettings
+from expertaug.learning.settings import Build, TrainJob, TrainOptions, TrainSettings
 from expertaug.learning.train import prepare as prepare_training
+from expertaug.learning.train import run_stage as train
 from expertaug.models import store as models
 from expertaug.models.describe import describe
 from expertaug.models.hybrid import HybridModel
+from expertaug.models.settings import PartsSettings
 from expertaug.models.store import StoredModel
+from expertaug.systems.double_pendulum import DoublePendulum
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.settings import SimulatedData, SimulatedSet, SolverSettings
 from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from field_systems import Fisher
 from seen import seen
-from typed_jobs import job, train
+from tiny import but
 
 RK4 = Solver("rk4")
 SMALL = {
@@ -67,15 +70,22 @@ def pendulum(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pendulum")
     sets = dict.fromkeys(("train", "validation", "test"), tiny.swings(40))
     tiny.simulated(folder, tiny.DATA.model_copy(update={"sets": sets}))
-    told = COMMON | {"method": "aphynity", "label": "APHYNITY", "t1_s": 1.0, "system": {"name": "pendulum"}}
-    told |= {"build": {"kind": "hybrid"}, "training": {"epochs": 1, "batch_size": 10, "solver": {"method": "rk4"}}}
     windows = {"theta": [0.0, 1.0], "omega": [0.0, 1.0]}
-    told["model"] = {
-        "encoder": {"kind": "window", "windows": windows, "layers": [8], "latent": 3},
-        "interaction": {"kind": "mlp", "layers": [6]},
-    }
+    job = TrainJob(
+        **COMMON,
+        method="aphynity",
+        label="APHYNITY",
+        system={"name": "pendulum"},
+        build=Build(kind="hybrid"),
+        model=PartsSettings(
+            encoder={"kind": "window", "windows": windows, "layers": [8], "latent": 3},
+            interaction={"kind": "mlp", "layers": [6]},
+        ),
+        training=TrainSettings(epochs=1, batch_size=10, solver=SolverSettings(method="rk4")),
+        t1_s=1.0,
+    )
     for name, seeds in (("both", [0, 1]), ("alone", [1])):
-        train(folder, folder / f"{name}.safetensors", folder / name, told | {"seeds": seeds}, None)
+        train(folder, folder / f"{name}.safetensors", folder / name, but(job, seeds=seeds), None)
     return folder
 
 
@@ -240,13 +250,13 @@ def test_draws_begin_where_training_windows_do_or_anywhere(pendulum, monkeypatch
 def test_what_is_wrong_is_said_in_a_line(pendulum, changed, expected):
     data = Trajectories.load(pendulum / "train.npz")
     with pytest.raises(InputError, match=expected):
-        prepare(models.load(pendulum / "both.safetensors"), data, job(FlowJob, PENDULUM.dump() | changed))
+        prepare(models.load(pendulum / "both.safetensors"), data, FlowJob.from_mapping(PENDULUM.dump() | changed))
 
 
 @pytest.mark.slow
 def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path):
     """Noisy fields, whose draws are used several times; the expert's parameter is found in their moments."""
-    system = systems.load({"name": "field_systems:Fisher"})
+    system = Fisher()
     ranges = SimulatedSet(size=40, z_e={"D": (1e-3, 4e-3)}, z_a={"r": (0.5, 1.5)})
     data = sample(system, SimulatedData(seed=0, step_s=0.1, t2_s=1.0, noise=1e-3, sets={"train": ranges}), "train")
     recipe = HybridModel(system, {"kind": "moments", "layers": [8]}, {"kind": "polynomial", "latent_degree": 1})
@@ -270,7 +280,7 @@ def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path)
 
 
 def test_z_a_is_drawn_where_f_a_was_learned():
-    system = systems.load({"name": "pendulum"})
+    system = DampedPendulum()
     latents = torch.linspace(-2, 4, 50)[:, None]
     unknowns = PriorTransform(system, torch.tensor([0.5]), torch.tensor([3.5]), latents, 1, 0.01, beyond=0.5)
     theta = torch.tensor([[0.0, 0.3, 0.0, 0.0], [0.0, -600.0, 0.0, 0.0], [0.0, 600.0, 0.0, 0.0]])
@@ -286,7 +296,7 @@ def test_z_a_is_drawn_where_f_a_was_learned():
 
 def test_speeds_that_nobody_measured_are_neither_seen_nor_inferred_twice():
     constants = {"B1": 0.3, "G1": 90.0, "B2": 1.0, "G2": 120.0}
-    system = systems.load({"name": "double_pendulum", "constants": constants})
+    system = DoublePendulum(constants=constants)
     low, high = torch.tensor([-25.0, -60.0]), torch.tensor([25.0, 60.0])
     unknowns = PriorTransform(system, low, high, torch.zeros(4, 3), 0, 1e-3)
     assert unknowns.transform.sizes == (2, 0, 2), "both speeds as z_e, both angles as y0"

@@ -12,7 +12,6 @@ from known_posterior import lines
 from test_flow import asked as asked_of_flow
 from test_least_squares import NOISE, OBSERVED, PRIOR, T, expert_alone, pendulum
 
-from expertaug import systems
 from expertaug.evaluation.forecasting import Drawing, DrawnScores, of_own_windows
 from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import Scoring
@@ -25,6 +24,7 @@ from expertaug.inference.simulations import own_draws
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Delta, Estimates, Gaussian, Posterior
+from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.settings import SolverSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.windows import Windows
@@ -90,13 +90,11 @@ def test_a_point_has_no_draws(fitted):
 
 
 def test_an_encoders_gaussian_is_drawn_from_as_it_is():
-    shape, parameters = (2, 4, 1), systems.load({"name": "pendulum"}).expert_parameters
+    shape, parameters = (2, 4, 1), DampedPendulum().expert_parameters
     z_e = Gaussian(torch.ones(shape), torch.full(shape, -2.0), parameters)
     q = Posterior(z_e, Gaussian(torch.zeros(2, 4, 3), torch.zeros(2, 4, 3)))
     y = torch.ones(OBSERVED, 2, 4, 2)
-    drawn = joint_draws(
-        Decoder(systems.load({"name": "pendulum"})), Estimates(y[0], *q.mean, q), seen(y), 500, RandomStreams([0, 1], 1)
-    )
+    drawn = joint_draws(Decoder(DampedPendulum()), Estimates(y[0], *q.mean, q), seen(y), 500, RandomStreams([0, 1], 1))
     assert [d.shape for d in drawn] == [(500, 2, 4, 1), (500, 2, 4, 3), (500, 2, 4, 2)]
     assert ((drawn[0].median(0).values - z_e.mean) / z_e.mean).abs().max() < 0.05 and (drawn[0] > 0).all()
     assert (drawn[1].std(0) - 1).abs().max() < 0.2 and torch.equal(drawn[2][7], y[0])

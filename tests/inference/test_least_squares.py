@@ -24,11 +24,14 @@ from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates, unconstrain
 from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.presets import Choices
+from expertaug.systems.double_pendulum import DoublePendulum
+from expertaug.systems.pendulum import DampedPendulum
+from expertaug.systems.reaction_diffusion import ReactionDiffusion
+from expertaug.systems.rlc import RLC
 from expertaug.systems.settings import SolverSettings
 from expertaug.systems.simulate import trajectories
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
-from typed_jobs import train_job
 
 T = np.linspace(0.0, 10.0, 101)
 OBSERVED, NOISE = 51, 0.01
@@ -48,7 +51,7 @@ def windows(data, seeds=2):
 
 
 def pendulum(z_e, damping=(0.0, 0.0), n=40):
-    return trajectories(systems.load({"name": "pendulum"}), {"omega0": z_e}, {"alpha": damping}, n=n, t=T, noise=NOISE)
+    return trajectories(DampedPendulum(), {"omega0": z_e}, {"alpha": damping}, n=n, t=T, noise=NOISE)
 
 
 def test_the_minimiser_finds_the_minimum_of_each_problem_and_its_curvature():
@@ -85,11 +88,11 @@ def test_an_undamped_pendulum_is_fitted_to_its_noise(z_e):
     assert 0.85 < found.chi2[0].mean() < 1.15
     # Laplace's intervals hold: standardised errors have a variance near one.
     q = found.posterior.z_e
-    parameters = systems.load({"name": "pendulum"}).expert_parameters
+    parameters = DampedPendulum().expert_parameters
     score = (unconstrain(truth, parameters) - q.loc[0]) / q.log_std[0].exp()
     assert 0.5 < score.square().mean() < 2.0
     # A start that is estimated is nearer the truth than the noisy one.
-    clean = trajectories(systems.load({"name": "pendulum"}), {"omega0": z_e}, {"alpha": (0, 0)}, n=40, t=T)
+    clean = trajectories(DampedPendulum(), {"omega0": z_e}, {"alpha": (0, 0)}, n=40, t=T)
     exact = torch.from_numpy(clean.y[:, 0]).float()
     assert (found.y0[0] - exact).square().mean() < 0.5 * (windows(data)[0, 0] - exact).square().mean()
 
@@ -101,9 +104,7 @@ def test_what_the_expert_lacks_shows_in_chi2():
 
 
 def test_a_circuit_without_noise_is_found_exactly_from_many_starts():
-    data = trajectories(
-        systems.load({"name": "rlc"}), {"L": (3.0, 5.0), "C": (1.0, 2.5)}, {"R": (0.0, 0.0)}, n=20, t=T, seed=1
-    )
+    data = trajectories(RLC(), {"L": (3.0, 5.0), "C": (1.0, 2.5)}, {"R": (0.0, 0.0)}, n=20, t=T, seed=1)
     estimator = estimator_of(expert_alone("rlc", data), None, 0.0, {"L": (1.0, 5.0), "C": (0.5, 2.5)})
     found = estimator.estimate(seen(windows(data)))
     torch.testing.assert_close(found.z_e[0], torch.from_numpy(data.z_e).float(), rtol=1e-3, atol=1e-3)
@@ -152,7 +153,6 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
     from expertaug.trajectories import Trajectories
 
     train, validation = (Trajectories.load(data / f"{name}.npz") for name in ("train", "validation"))
-    settings = train_job(settings)
     described = train_stage.describe_recipe(settings)
     recipe = describe.recipe_of(systems.load(described.system), described)
     run = train_stage.prepare(recipe, train, validation, settings, described)
@@ -246,11 +246,11 @@ def test_a_fit_ends_where_the_next_step_promises_nothing():
 
 
 def test_which_components_are_seen_and_given():
-    double = systems.load({"name": "double_pendulum", "expert": "point_mass"})
+    double = DoublePendulum(expert="point_mass")
     assert seen_components(double).tolist() == [True, True, False, False]
     assert given_components(double).tolist() == [True, True, False, False]
-    assert given_components(systems.load({"name": "pendulum"})).tolist() == [True, True]
-    field = systems.load({"name": "reaction_diffusion"})
+    assert given_components(DampedPendulum()).tolist() == [True, True]
+    field = ReactionDiffusion()
     assert seen_components(field).tolist() == [True, True] and given_components(field).tolist() == [False, False]
 
 

@@ -8,24 +8,36 @@ import pytest
 import torch
 
 import expertaug as ea
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.learning import augment as augmentation
 from expertaug.learning import finetune as tuning
+from expertaug.learning.augment import run_stage as augment
 from expertaug.learning.expert_share import decorrelate
+from expertaug.learning.finetune import run_stage as finetune
 from expertaug.learning.objectives import Aphynity
-from expertaug.learning.settings import FinetuneOptions, TrainSettings
+from expertaug.learning.settings import (
+    AugmentJob,
+    Build,
+    FinetuneJob,
+    FinetuneOptions,
+    SolverOnly,
+    TrainSettings,
+    UntrainedJob,
+)
+from expertaug.learning.train import run_stage as train
 from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.presets import ROWS, Choices, resolve
+from expertaug.systems.double_pendulum import DoublePendulum
+from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from nightly import others_slow
 from seen import seen
-from tiny import PRIOR, SETTINGS
-from typed_jobs import augment, finetune, train
+from tiny import PRIOR, SETTINGS, but, of_kind
 
 CPU = torch.device("cpu")
+PLUS = {"method": "aphynity+", "label": "APHYNITY+"}
 TIMES = torch.arange(31) * 0.1
 Unbounded = SimpleNamespace(bound=None)  # all of a task that this needs
 
@@ -37,9 +49,9 @@ def trained(data, tmp_path_factory):
     return folder / "model.safetensors"
 
 
-def augmented(trained, data, folder, settings, **choices):
-    chosen = settings["choices"] | choices
-    augment(trained, data, folder / "plus.st", settings | {"prior": PRIOR, "noise": 0.01, "choices": chosen})
+def augmented(trained, data, folder, settings, worst=None, **choices):
+    job = of_kind(AugmentJob, settings, prior=PRIOR, noise=0.01, choices=but(settings.choices, **choices))
+    augment(trained, data, folder / "plus.st", job if worst is None else but(job, worst=worst))
     plus = augmentation.load(folder / "plus.st", CPU, TIMES)
     return plus.train, plus.validation, plus.drawing.to_json()
 
@@ -67,8 +79,8 @@ def test_the_augmented_samples_that_select_go_as_far_as_the_choice_says(trained,
         short = validation if choice == "observed" else short
         samples = augmentation.load(tmp_path / choice / "plus.st", CPU, TIMES)
         said = {"method": "aphynity+", "label": "APHYNITY+", "preset": "corrected", "experiment": "pendulum"}
-        chosen = Choices.of(**settings["choices"] | {"augmented_selection": choice})
-        options = FinetuneOptions.of(**said, choices=chosen, seeds=[0, 1], training=settings["training"])
+        chosen = but(settings.choices, augmented_selection=choice)
+        options = FinetuneOptions(**said, choices=chosen, seeds=[0, 1], training=settings.training)
         checks = tuning.prepare(stored, samples, *sets, options).trainer.validation
         assert [points for _, points in checks] == [range(1, 11), range(11 if times == 21 else 1, times)]
     assert torch.equal(short.z_e, validation.z_e) and torch.equal(short.z_a, validation.z_a), "the same samples"
@@ -99,11 +111,10 @@ def test_supervision_of_z_a_holds_the_encoder_to_it(trained, data, tmp_path, set
     """Errors of z_a on augmented samples fall with its weight, and the default of 0 is what files of before have."""
     augmented(trained, data, tmp_path, settings)
     plus, errors = augmentation.load(tmp_path / "plus.st", CPU, TIMES).train, {}
-    settings |= {"method": "aphynity+", "label": "APHYNITY+"}
-    settings["training"] |= {"epochs": 20}
     for weight in (0.0, 100.0):
-        settings["training"]["z_a_supervision_weight"] = weight
-        finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
+        training = but(settings.training, epochs=20, z_a_supervision_weight=weight)
+        tuned = of_kind(FinetuneJob, settings, **PLUS, training=training)
+        finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", tuned, None)
         z_a = store.load(tmp_path / "p.st").model.encode(seen(plus.y[:11])).mean[1]
         errors[weight] = (z_a - plus.z_a).square().mean().sqrt().item()
     assert errors[100.0] < 0.8 * errors[0.0]
@@ -111,15 +122,14 @@ def test_supervision_of_z_a_holds_the_encoder_to_it(trained, data, tmp_path, set
     kept = {name: value for name, value in tensors[1].items() if not name.endswith("z_a")}
     augmentation.write_tensors(tmp_path / "plus.st", kept, tensors[0])
     with pytest.raises(InputError, match="do not say with which z_a they were made; draw them again"):
-        finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
+        finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", tuned, None)
 
 
 def test_the_interaction_sees_z_a_softly_bounded(trained, data, tmp_path, settings):
     """Where the training windows' lie it is as it was; far outside a tenth of their range; the file holds the bound."""
     augmented(trained, data, tmp_path, settings)
-    settings |= {"method": "aphynity+", "label": "APHYNITY+"}
-    settings["training"] |= {"epochs": 1, "bound_z_a": True}
-    finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
+    job = of_kind(FinetuneJob, settings, **PLUS, training=but(settings.training, epochs=1, bound_z_a=True))
+    finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", job, None)
     base, tuned = store.load(trained), store.load(tmp_path / "p.st")
     bound, support = tuned.model.decoder.latent_bound, base.card.support
     least, most = (torch.tensor(ends).unsqueeze(1) for ends in (support.least_z_a, support.most_z_a))
@@ -139,9 +149,9 @@ def test_the_interaction_sees_z_a_softly_bounded(trained, data, tmp_path, settin
 
 
 def test_a_first_training_has_nothing_to_bound_z_a_by(data, tmp_path, settings):
-    settings["training"]["bound_z_a"] = True
+    bounding = but(settings, training=but(settings.training, bound_z_a=True))
     with pytest.raises(InputError, match=r"training\.bound_z_a: found true; say it of fine-tuning"):
-        train(data, tmp_path / "m.st", tmp_path / "w", settings, None)
+        train(data, tmp_path / "m.st", tmp_path / "w", bounding, None)
 
 
 def test_augmented_samples_get_the_datas_noise(trained, data, tmp_path, settings):
@@ -152,21 +162,21 @@ def test_augmented_samples_get_the_datas_noise(trained, data, tmp_path, settings
 
 
 def test_x_of_augmented_samples_is_the_datas_unless_resampled():
-    system = systems.load({"name": "double_pendulum", "expert": "point_mass"})
+    system = DoublePendulum(expert="point_mass")
     y0 = torch.zeros(2, 5000, 4)
     fresh = system.resample_known(y0, lambda k: torch.rand(2, 5000, k))
     assert torch.equal(fresh[..., 2:], y0[..., 2:])
     assert fresh[..., :2].min() < -3.1 and fresh[..., :2].max() > 3.1
-    one = systems.load({"name": "pendulum"})
+    one = DampedPendulum()
     assert one.resample_known(y0, lambda k: None) is y0
 
 
 @pytest.mark.parametrize("choices", others_slow([{}, {"frozen": "interaction_and_z_e_head"}, {"resample": "epoch"}]))
 def test_finetuning_changes_the_encoder_and_nothing_else(trained, data, tmp_path, settings, choices):
-    settings["choices"] |= choices
+    settings = but(settings, choices=but(settings.choices, **choices))
     augmented(trained, data, tmp_path, settings)
-    settings |= {"method": "aphynity+", "label": "APHYNITY+"}
-    finetune(trained, tmp_path / "plus.st", data, tmp_path / "plus.safetensors", tmp_path / "work", settings, None)
+    job = of_kind(FinetuneJob, settings, **PLUS)
+    finetune(trained, tmp_path / "plus.st", data, tmp_path / "plus.safetensors", tmp_path / "work", job, None)
     before, after = store.load(trained), store.load(tmp_path / "plus.safetensors")
     assert after.card.label == "APHYNITY+" and after.card.best_epoch != [0, 0]
     head_frozen = "frozen" in choices
@@ -177,12 +187,12 @@ def test_finetuning_changes_the_encoder_and_nothing_else(trained, data, tmp_path
 
 def test_the_control_takes_the_same_steps_on_real_data_alone(trained, data, tmp_path, settings):
     augmented(trained, data, tmp_path, settings)
-    plus = settings | {"method": "aphynity+", "label": "APHYNITY+"}
+    plus = of_kind(FinetuneJob, settings, **PLUS)
     finetune(trained, tmp_path / "plus.st", data, tmp_path / "plus/m.st", tmp_path / "a", plus, None)
-    control = settings | {"method": "aphynity=", "label": "APHYNITY (control)"}
+    control = of_kind(FinetuneJob, settings, method="aphynity=", label="APHYNITY (control)")
     with pytest.raises(InputError, match="--augmented: missing; give the augmented samples, or prior"):
         finetune(trained, None, data, tmp_path / "control/m.st", tmp_path / "b", control, None)
-    finetune(trained, None, data, tmp_path / "control/m.st", tmp_path / "b", control | {"prior": PRIOR}, None)
+    finetune(trained, None, data, tmp_path / "control/m.st", tmp_path / "b", but(control, prior=PRIOR), None)
     steps = {}
     for name in ("plus", "control"):
         lines = map(json.loads, (tmp_path / name / "log.jsonl").read_text().splitlines())
@@ -196,22 +206,25 @@ def test_the_control_takes_the_same_steps_on_real_data_alone(trained, data, tmp_
 
 @pytest.mark.parametrize("preset", others_slow(["paper", "code"]))
 def test_every_preset_trains_augments_and_finetunes(preset, data, tmp_path, settings):
-    settings |= {"choices": resolve(preset).model_dump(), "preset": preset}
+    settings = but(settings, choices=resolve(preset), preset=preset)
     train(data, tmp_path / "m.st", tmp_path / "work", settings, None)
     augmented(tmp_path / "m.st", data, tmp_path, settings)
-    finetune(tmp_path / "m.st", tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
+    job = of_kind(FinetuneJob, settings)
+    finetune(tmp_path / "m.st", tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", job, None)
     assert store.load(tmp_path / "p.st").card.preset == preset
 
 
 def test_the_mean_cannot_be_augmented(data, tmp_path, settings):
-    train(data, tmp_path / "m.st", tmp_path / "w", settings | {"build": {"kind": "mean"}}, None)
+    mean = of_kind(UntrainedJob, settings, build=Build(kind="mean"), training=SolverOnly())
+    train(data, tmp_path / "m.st", tmp_path / "w", mean, None)
     with pytest.raises(InputError, match="only hybrid models"):
         augmented(tmp_path / "m.st", data, tmp_path, settings)
 
 
 def test_prior_must_name_the_parameters(trained, data, tmp_path, settings):
+    job = of_kind(AugmentJob, settings, prior={"omega": (0.0, 1.0)}, noise=0.0)
     with pytest.raises(InputError, match=r"augmentation\.prior.*omega0"):
-        augment(trained, data, tmp_path / "p.st", settings | {"prior": {"omega": [0, 1]}, "noise": 0.0})
+        augment(trained, data, tmp_path / "p.st", job)
 
 
 class TestPresetRows:
@@ -313,10 +326,10 @@ class TestPresetRows:
         torch.testing.assert_close(value, plain + 4 * expected)
 
     def test_observed_points_and_selection(self, data, tmp_path, settings):
-        settings["training"]["epochs"] = 1
+        brief = but(settings.training, epochs=1)
         for choice, points in (("inclusive", 11), ("exclusive", 10)):
-            settings["choices"]["observed_points"] = choice
-            train(data, tmp_path / "m.st", tmp_path / "w", settings, None)
+            job = but(settings, training=brief, choices=but(settings.choices, observed_points=choice))
+            train(data, tmp_path / "m.st", tmp_path / "w", job, None)
             stored = store.load(tmp_path / "m.st")
             assert stored.card.observed == points
             task = task_of(TrainSettings(), stored.card, CPU)
@@ -327,10 +340,10 @@ class TestPresetRows:
 def test_worst_case_sampling_draws_more_where_the_estimates_are_bad(trained, data, tmp_path, settings):
     """Without it the bits stay; with it the chosen share lies at the hardest z_e of a trial."""
     plain, _, header = augmented(trained, data, tmp_path, settings)
-    off, _, _ = augmented(trained, data, tmp_path, settings | {"worst": 0.0})
+    off, _, _ = augmented(trained, data, tmp_path, settings, worst=0.0)
     assert torch.equal(plain.y, off.y) and "worst" not in header["options"]
-    on, _, header = augmented(trained, data, tmp_path, settings | {"worst": 1.0})
-    again, _, _ = augmented(trained, data, tmp_path, settings | {"worst": 1.0})
+    on, _, header = augmented(trained, data, tmp_path, settings, worst=1.0)
+    again, _, _ = augmented(trained, data, tmp_path, settings, worst=1.0)
     assert torch.equal(on.y, again.y) and header["options"]["worst"] == 1.0
     stored = store.load(trained)
     task = task_of(stored.card.training, stored.card, CPU)

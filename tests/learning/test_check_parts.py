@@ -8,7 +8,6 @@ import torch
 from torch import nn
 
 import plain_parts as parts
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.learning.check_parts import check_parts
 from expertaug.learning.hvae import HybridVAE
@@ -17,9 +16,13 @@ from expertaug.learning.training_data import Task
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.posterior import Delta, Posterior
 from expertaug.presets import resolve
+from expertaug.systems.advection_diffusion import AdvectionDiffusion
+from expertaug.systems.rlc import RLC
 from expertaug.systems.solvers.solver import Solver
+from expertaug.systems.wave import DampedWave
+from field_systems import Fisher
 
-SYSTEM = systems.load({"name": "rlc"})
+SYSTEM = RLC()
 TASK = Task(torch.arange(8) * 0.1, 5, 5, Solver("rk4"))
 CHOICES = resolve("corrected")
 WINDOW = {"kind": "window", "windows": {"U": [0, 0.4], "I": [0, 0.4]}, "layers": [6], "latent": 2}
@@ -48,11 +51,11 @@ def test_good_parts_pass(encoder, interaction):
 def test_fields_and_the_hybrid_vae_pass():
     two_step = {"kind": "two_step", "latent_layers": [4], "filter_layers": [4], "expert_layers": [4]}
     check(two_step, {"kind": "mlp", "layers": [4]}, HybridVAE, prior={"L": [1.0, 5.0], "C": [0.5, 2.5]})
-    fisher = systems.load({"name": "field_systems:Fisher"})
+    fisher = Fisher()
     check_parts(HybridModel(fisher, {"kind": "moments", "layers": [8]}, {"kind": "polynomial"}), TASK)
 
 
-WAVE, LINE = {"name": "wave", "cells": 16}, {"name": "advection_diffusion"}
+WAVE, LINE = DampedWave(cells=16), AdvectionDiffusion()
 CONV = {"kind": "conv", "channels": [4, 4], "strides": [1, 2], "layers": [6], "latent": 2}
 CONV_TWO_STEP = {"kind": "conv_two_step", "channels": [4], "strides": [2], "layers": [6], "filter_channels": [4, 4]}
 MLP_TWO_STEP = {"kind": "two_step", "latent_layers": [4], "filter_layers": [4], "expert_layers": [4]}
@@ -74,7 +77,7 @@ RECURRENT = {"kind": "recurrent", "hidden": 4, "layers": [4]}
 )
 def test_fields_that_do_not_wrap_around_pass_every_kind(system, encoder, interaction):
     task = replace(TASK, t=TASK.t * 0.01)
-    recipe = HybridModel(systems.load(system), encoder, interaction)
+    recipe = HybridModel(system, encoder, interaction)
     hybrid_vae = encoder in (CONV_TWO_STEP, MLP_TWO_STEP)
     options = {"prior": {p.name: [0.5 * p.scale, 2 * p.scale] for p in recipe.system.expert_parameters}}
     objective, options = (HybridVAE, options) if hybrid_vae else (Aphynity, {})

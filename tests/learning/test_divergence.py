@@ -13,10 +13,14 @@ from cards import card
 from expertaug import systems
 from expertaug.errors import SolveError
 from expertaug.learning import augment as augmentation
+from expertaug.learning.augment import run_stage as augment
 from expertaug.learning.divergence import clamp_to_bound, divergence_bound, forecast_or_fallback, within_bound
+from expertaug.learning.finetune import run_stage as finetune
 from expertaug.learning.objectives import Aphynity, finite_forecast
 from expertaug.learning.residuals import mean_squared_error
-from expertaug.learning.trainer import Trainer, TrainSettings
+from expertaug.learning.settings import AugmentJob, FinetuneJob, TrainSettings
+from expertaug.learning.train import run_stage as train
+from expertaug.learning.trainer import Trainer
 from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.models.estimators import Hybrid
@@ -24,16 +28,15 @@ from expertaug.presets import resolve
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from seen import seen
-from tiny import PRIOR
-from typed_jobs import augment, finetune, train
+from tiny import PRIOR, but, of_kind
 
 CPU = torch.device("cpu")
 
 
 @pytest.fixture
 def trained(data, tmp_path, settings):
-    settings["training"]["epochs"] = 1
-    train(data, tmp_path / "model.safetensors", tmp_path / "work", settings, None)
+    job = but(settings, training=but(settings.training, epochs=1))
+    train(data, tmp_path / "model.safetensors", tmp_path / "work", job, None)
     return store.load(tmp_path / "model.safetensors")
 
 
@@ -65,9 +68,10 @@ def test_what_lies_beyond_is_moved_to_the_bound_and_the_rest_is_not_touched():
 def test_the_model_file_has_the_bound_and_finetuning_keeps_it(data, tmp_path, settings, trained):
     y = Trajectories.load(data / "train.npz").y
     assert trained.card.bound == pytest.approx((10 * np.abs(y).max((0, 1))).tolist())
-    augment(tmp_path / "model.safetensors", data, tmp_path / "p", settings | {"prior": PRIOR, "noise": 0.0})
+    drawing = of_kind(AugmentJob, settings, prior=PRIOR, noise=0.0)
+    augment(tmp_path / "model.safetensors", data, tmp_path / "p", drawing)
     args = tmp_path / "model.safetensors", tmp_path / "p", data, tmp_path / "plus", tmp_path / "w"
-    finetune(*args, settings, None)
+    finetune(*args, of_kind(FinetuneJob, settings, training=but(settings.training, epochs=1)), None)
     tuned = store.load(tmp_path / "plus")
     assert tuned.card.bound == trained.card.bound and tuned.card.failed == []
     assert task_of(TrainSettings(), tuned.card.but(bound=None), CPU).bound is None
@@ -237,8 +241,9 @@ def test_a_seed_that_cannot_be_trained_is_left_out_and_the_others_go_on(data, tm
 def test_a_seed_that_failed_is_left_alone_by_finetuning(data, tmp_path, settings, failing):
     failing()
     train(data, tmp_path / "m.st", tmp_path / "work", settings, None)
-    augment(tmp_path / "m.st", data, tmp_path / "p.st", settings | {"prior": PRIOR, "noise": 0.0})
-    finetune(tmp_path / "m.st", tmp_path / "p.st", data, tmp_path / "plus/m.st", tmp_path / "w", settings, None)
+    augment(tmp_path / "m.st", data, tmp_path / "p.st", of_kind(AugmentJob, settings, prior=PRIOR, noise=0.0))
+    job = of_kind(FinetuneJob, settings)
+    finetune(tmp_path / "m.st", tmp_path / "p.st", data, tmp_path / "plus/m.st", tmp_path / "w", job, None)
     before, after = store.load(tmp_path / "m.st"), store.load(tmp_path / "plus/m.st")
     assert after.failed == [1] and [seed for seed, _ in events(tmp_path / "plus")] == [1]
     same = {

@@ -1,15 +1,16 @@
 """Snapshots of a training, and what is made of them."""
 
-import copy
-
 import pandas as pd
 import pytest
 import torch
 
 from expertaug.evaluation import during_training as following
-from expertaug.evaluation.settings import DuringTrainingJob
+from expertaug.evaluation.during_training import run_stage as during_training
+from expertaug.evaluation.settings import DuringTrainingJob, ForecastScoring
 from expertaug.learning import finetune, snapshots
 from expertaug.learning.during_training import ModelState, Steps, states
+from expertaug.learning.settings import AugmentJob, FinetuneJob, TrainSettings
+from expertaug.learning.train import run_stage as train
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from expertaug.rows import frame
@@ -17,9 +18,8 @@ from expertaug.tracking.log import read_log
 from expertaug.tracking.metrics_csv import MetricRow
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
-from typed_jobs import during_training, job, train
+from tiny import PRIOR, but, of_kind
 
-PRIOR = {"omega0": [0.5, 3.5]}
 CPU = torch.device("cpu")
 
 
@@ -35,7 +35,7 @@ def same(first, second):
 def test_snapshots_are_the_states_after_their_passes_and_change_nothing(data, tmp_path, settings):
     plain = run(data, tmp_path / "plain", settings)
     assert not (tmp_path / "plain" / snapshots.NAME).exists()
-    kept = run(data, tmp_path / "kept", settings | {"snapshots": [1, 3]})
+    kept = run(data, tmp_path / "kept", but(settings, snapshots=[1, 3]))
     assert same(plain, kept)
     found = snapshots.load(tmp_path / "kept" / snapshots.NAME, CPU)
     assert list(found) == [1, 3] and found[1].seeds == [0, 1]
@@ -47,7 +47,7 @@ def test_snapshots_are_the_states_after_their_passes_and_change_nothing(data, tm
 
 
 def test_snapshots_survive_a_kill(data, tmp_path, settings, monkeypatch):
-    settings["snapshots"] = [1, 2, 3]
+    settings = but(settings, snapshots=[1, 2, 3])
     run(data, tmp_path / "whole", settings)
     step, count = Trainer.step, iter(range(10**6))
 
@@ -65,24 +65,22 @@ def test_snapshots_survive_a_kill(data, tmp_path, settings, monkeypatch):
     assert all(same(whole[k].model.state_dict(), killed[k].model.state_dict()) for k in (1, 2, 3))
 
 
-def study_settings(settings):
-    common = {k: settings[k] for k in ("experiment", "preset", "choices", "seeds", "device")}
-    tuned = {"method": "aphynity+", "label": "APHYNITY+", "training": {"epochs": 9, "batch_size": 20}}
-    return common | {
-        "method": "aphynity",
-        "label": "APHYNITY",
-        "augment": {k: v for k, v in common.items() if k != "preset"}
-        | {"method": "aphynity+", "prior": PRIOR, "noise": 0.01},
-        "finetune": common | tuned,
-        "finetune_epochs": [1, 2],
-        "evaluation": {"max_samples": 7},
-    }
+def study_of(settings):
+    training = TrainSettings(epochs=9, batch_size=20)
+    return of_kind(
+        DuringTrainingJob,
+        settings,
+        augment=of_kind(AugmentJob, settings, method="aphynity+", prior=PRIOR, noise=0.01),
+        finetune=of_kind(FinetuneJob, settings, method="aphynity+", label="APHYNITY+", training=training),
+        finetune_epochs=[1, 2],
+        evaluation=ForecastScoring(max_samples=7),
+    )
 
 
 @pytest.mark.slow
 def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, settings, monkeypatch):
-    run(data, tmp_path, settings | {"snapshots": [1, 3]})
-    options = study_settings(settings)
+    run(data, tmp_path, but(settings, snapshots=[1, 3]))
+    study = study_of(settings)
     tune, trained = finetune.finetune, []
 
     def dying(*arguments):
@@ -94,12 +92,12 @@ def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, s
     files = tmp_path / snapshots.NAME, data, tmp_path / "during_training.csv", tmp_path / "work_during_training"
     monkeypatch.setattr(finetune, "finetune", dying)
     with pytest.raises(KeyboardInterrupt):
-        during_training(*files, copy.deepcopy(options), None)
+        during_training(*files, study, None)
     assert trained == [1, 2] and not files[2].exists()
     assert read_log(tmp_path / "during_training.jsonl").lines[-1].status == "KILLED"
     calls = []
     monkeypatch.setattr(finetune, "finetune", lambda *a: calls.append(a[4].training.epochs) or tune(*a))
-    during_training(*files, options, None)
+    during_training(*files, study, None)
     assert calls == [1, 2], "those of the first snapshot were there already"
     assert not files[3].exists()
     table = pd.read_csv(files[2])
@@ -108,7 +106,7 @@ def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, s
     }
     scores = table[table["metric"] == "log_mse_sum"].set_index(["epoch", "finetune_epochs", "set", "seed"])["value"]
     assert len(scores) == 2 * 3 * 3 * 2 and scores.is_unique
-    rows = frame(MetricRow, in_memory(files[0], data, job(DuringTrainingJob, options)))
+    rows = frame(MetricRow, in_memory(files[0], data, study))
     timed = table["metric"] == "estimate_ms"
     pd.testing.assert_frame_equal(rows[~timed], table[~timed], check_exact=True)
 
@@ -123,12 +121,10 @@ def in_memory(snapshots_file, data, settings):
 
 
 def test_the_study_is_a_call_in_memory(data, tmp_path, settings, monkeypatch):
-    run(data, tmp_path, settings | {"snapshots": [1]})
+    run(data, tmp_path, but(settings, snapshots=[1]))
     before = sorted(tmp_path.rglob("*"))
     monkeypatch.chdir(tmp_path)
-    rows = in_memory(
-        tmp_path / snapshots.NAME, data, job(DuringTrainingJob, study_settings(settings) | {"finetune_epochs": [1]})
-    )
+    rows = in_memory(tmp_path / snapshots.NAME, data, but(study_of(settings), finetune_epochs=[1]))
     scores = {(row.set, row.seed, row.finetune_epochs): row.value for row in rows if row.metric == "log_mse_sum"}
     assert len(scores) == 3 * 2 * 2 == len(set(scores.values())) and {row.epoch for row in rows} == {1}
     assert sorted(tmp_path.rglob("*")) == before
@@ -140,18 +136,17 @@ def test_a_block_is_a_run_of_each_seed_below_its_method(data, tmp_path, settings
     from mlflow.tracking import MlflowClient
 
     tracking = Tracking(enabled=True, uri=f"sqlite:///{tmp_path}/mlflow/mlflow.db", experiment="trial")
-    train(data, tmp_path / "model.safetensors", tmp_path / "work", settings | {"snapshots": [1, 3]}, tracking)
-    options = study_settings(settings) | {"finetune_epochs": [1, 2]}
+    train(data, tmp_path / "model.safetensors", tmp_path / "work", but(settings, snapshots=[1, 3]), tracking)
     during_training(
         tmp_path / snapshots.NAME,
         data,
         tmp_path / "during_training.csv",
         tmp_path / "during_training",
-        options,
+        study_of(settings),
         tracking,
     )
     client = MlflowClient(tracking_uri=tracking.uri)
-    runs = client.search_runs([client.get_experiment_by_name(tracking.name_of(settings["experiment"])).experiment_id])
+    runs = client.search_runs([client.get_experiment_by_name(tracking.name_of(settings.experiment)).experiment_id])
     parents = {run.data.tags["mlflow.parentRunId"] for run in runs if "seed" in run.data.tags}
     assert len(parents) == 1, "the method's training and its study have one parent"
     found = {int(run.data.tags["seed"]): run for run in runs if run.data.tags.get("stage") == "during_training"}

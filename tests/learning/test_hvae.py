@@ -6,23 +6,26 @@ import pytest
 import torch
 
 from cards import card
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.learning import augment as augmentation
+from expertaug.learning.augment import run_stage as augment
+from expertaug.learning.finetune import run_stage as finetune
 from expertaug.learning.hvae import HybridVAE, raw_prior
 from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.settings import TrainSettings
+from expertaug.learning.settings import AugmentJob, Build, FinetuneJob, TrainSettings
+from expertaug.learning.train import run_stage as train
 from expertaug.learning.training_data import Batch, StackedSet, task_of
 from expertaug.models import store
 from expertaug.models.estimators import Hybrid
 from expertaug.models.posterior import Gaussian, unconstrain
+from expertaug.models.settings import PartsSettings
 from expertaug.presets import resolve
+from expertaug.systems.reaction_diffusion import ReactionDiffusion
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from nightly import others_slow
 from seen import seen
-from tiny import PRIOR
-from typed_jobs import augment, finetune, train
+from tiny import PRIOR, but, of_kind
 
 CPU = torch.device("cpu")
 TIMES = torch.arange(31) * 0.1
@@ -30,10 +33,10 @@ TIMES = torch.arange(31) * 0.1
 
 @pytest.fixture
 def settings(settings):
-    small = {"latent_layers": [8, 8], "filter_layers": [8, 8], "expert_layers": [12, 8]}
-    settings["model"] = settings["model"] | {"encoder": {"kind": "two_step", **small}}
-    settings["model"]["interaction"] = {"kind": "mlp", "layers": [6, 6], "activation": "selu"}
-    return settings | {"build": {"kind": "hybrid", "objective": "hvae"}, "method": "h", "label": "H", "prior": PRIOR}
+    small = {"kind": "two_step", "latent_layers": [8, 8], "filter_layers": [8, 8], "expert_layers": [12, 8]}
+    interaction = {"kind": "mlp", "layers": [6, 6], "activation": "selu"}
+    model, build = PartsSettings(encoder=small, interaction=interaction), Build(kind="hybrid", objective="hvae")
+    return but(settings, model=model, build=build, method="h", label="H", prior=PRIOR)
 
 
 def run(data, folder, settings):
@@ -44,8 +47,7 @@ def run(data, folder, settings):
 @pytest.fixture
 def case(data, tmp_path, settings):
     """A trained model, one batch for its two seeds and the task."""
-    settings["training"]["epochs"] = 1
-    stored = run(data, tmp_path, settings)
+    stored = run(data, tmp_path, but(settings, training=but(settings.training, epochs=1)))
     batch = StackedSet.of(Trajectories.load(data / "train.npz"), CPU).whole(2)
     return stored.model, batch, task_of(TrainSettings(), stored.card, CPU, torch.tensor([0.5]))
 
@@ -165,9 +167,9 @@ class TestLoss:
         torch.testing.assert_close(parts["data"], objective().loss(*case)[1]["data"], rtol=0.2, atol=0.0)
 
     def test_another_encoder_is_named(self, data, tmp_path, settings):
-        settings["model"]["encoder"] = {"kind": "recurrent", "hidden": 8, "layers": [8]}
+        recurrent = but(settings.model, encoder={"kind": "recurrent", "hidden": 8, "layers": [8]})
         with pytest.raises(InputError, match=r"encoder\.kind.*RecurrentEncoder.*two-step"):
-            run(data, tmp_path, settings)
+            run(data, tmp_path, but(settings, model=recurrent))
 
 
 def test_prior_in_the_unbounded_space(case):
@@ -181,11 +183,10 @@ def test_prior_in_the_unbounded_space(case):
 
 
 def test_one_step_of_a_seed_is_the_same_alone_and_in_a_block(data, tmp_path, settings):
-    settings["training"] |= {"epochs": 1, "batch_size": 40}
-    settings["seeds"] = [5, 6, 7]
+    settings = but(settings, seeds=[5, 6, 7], training=but(settings.training, epochs=1, batch_size=40))
     group = run(data, tmp_path / "group", settings).model.state_dict()
-    for place, seed in enumerate(settings["seeds"]):
-        alone = run(data, tmp_path / str(seed), settings | {"seeds": [seed]}).model.state_dict()
+    for place, seed in enumerate(settings.seeds):
+        alone = run(data, tmp_path / str(seed), but(settings, seeds=[seed])).model.state_dict()
         for name, value in alone.items():
             torch.testing.assert_close(group[name][place], value[0], rtol=1e-3, atol=1e-5)
 
@@ -205,8 +206,7 @@ def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, ki
 
 @pytest.mark.slow
 def test_training_lowers_the_loss_and_the_likelihoods_scale(data, tmp_path, settings):
-    settings["training"] |= {"epochs": 30, "learning_rate": 1e-2}
-    run(data, tmp_path, settings)
+    run(data, tmp_path, but(settings, training=but(settings.training, epochs=30, learning_rate=1e-2)))
     log = [json.loads(line) for line in (tmp_path / "log.jsonl").open()]
     lines = [line for line in log if "loss" in line]
     for name in ("loss", "sigma", "data"):
@@ -215,8 +215,8 @@ def test_training_lowers_the_loss_and_the_likelihoods_scale(data, tmp_path, sett
 
 
 def augmented(model, data, folder, settings, **choices):
-    chosen = settings["choices"] | choices
-    augment(model, data, folder / "plus.st", settings | {"noise": 0.01, "choices": chosen})
+    job = of_kind(AugmentJob, settings, noise=0.01, choices=but(settings.choices, **choices))
+    augment(model, data, folder / "plus.st", job)
     plus = augmentation.load(folder / "plus.st", CPU, TIMES)
     return plus.train, plus.validation, plus.drawing.to_json()
 
@@ -237,11 +237,11 @@ def test_z_a_of_augmented_samples_is_drawn(data, tmp_path, settings):
 @pytest.mark.parametrize("choices", others_slow([{}, {"resample": "epoch"}, {"frozen": "interaction_and_z_e_head"}]))
 def test_finetuning_leaves_theta_alone(data, tmp_path, settings, choices):
     before = run(data, tmp_path, settings)
-    settings["choices"] |= choices
+    settings = but(settings, choices=but(settings.choices, **choices))
     model = tmp_path / "model.safetensors"
     augmented(model, data, tmp_path, settings)
-    settings |= {"method": "h+", "label": "H+"}
-    finetune(model, tmp_path / "plus.st", data, tmp_path / "plus.safetensors", tmp_path / "work", settings, None)
+    job = of_kind(FinetuneJob, settings, method="h+", label="H+")
+    finetune(model, tmp_path / "plus.st", data, tmp_path / "plus.safetensors", tmp_path / "work", job, None)
     after = store.load(tmp_path / "plus.safetensors")
     frozen = ("decoder.", *(("encoder.expert_network.",) if "frozen" in choices else ()))
     for name, value in before.model.state_dict().items():
@@ -251,11 +251,12 @@ def test_finetuning_leaves_theta_alone(data, tmp_path, settings, choices):
 
 @pytest.mark.parametrize("preset", others_slow(["paper", "code"]))
 def test_every_preset_trains_augments_and_finetunes(preset, data, tmp_path, settings):
-    settings |= {"choices": resolve(preset).model_dump(), "preset": preset}
+    settings = but(settings, choices=resolve(preset), preset=preset)
     run(data, tmp_path, settings)
     model = tmp_path / "model.safetensors"
     augmented(model, data, tmp_path, settings)
-    finetune(model, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings, None)
+    job = of_kind(FinetuneJob, settings)
+    finetune(model, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", job, None)
     assert store.load(tmp_path / "p.st").card.preset == preset
 
 
@@ -265,7 +266,7 @@ def test_fields_have_the_same_objective():
     model = {"encoder": {"kind": "conv_two_step", **small}, "interaction": {"kind": "conv", "channels": [3, 3]}}
     description = {"model": model, "seeds": [0, 1], "t": [0.0, 0.1, 0.2], "observed": 3, "expert": True}
     description |= {"interaction": True, "likelihood": True}
-    system = systems.load({"name": "reaction_diffusion"})
+    system = ReactionDiffusion()
     stacked = Hybrid.network(system, card(description))
     y = torch.rand(3, 1, 4, 2, 32, 32, generator=torch.Generator().manual_seed(0))
     stacked.fit(seen(y[:, 0]))

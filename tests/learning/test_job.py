@@ -5,8 +5,8 @@ import torch
 
 from expertaug.errors import InputError
 from expertaug.learning.job import MAGIC, Checkpoint, _digest
+from expertaug.learning.train import run_stage as train
 from expertaug.models import store
-from typed_jobs import train
 
 STATE = {"model": {"weight": torch.arange(3.0)}, "epoch": 7, "log": {"id": "x", "offset": 3}}
 

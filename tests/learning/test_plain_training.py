@@ -5,18 +5,20 @@ import torch
 
 from expertaug.errors import InputError
 from expertaug.learning import augment as augmentation
+from expertaug.learning.augment import run_stage as augment
+from expertaug.learning.finetune import run_stage as finetune
+from expertaug.learning.settings import AugmentJob, Build, FinetuneJob
+from expertaug.learning.train import run_stage as train
 from expertaug.models import store
 from expertaug.models.estimators import Hybrid
+from expertaug.models.settings import PartsSettings
 from nightly import others_slow
-from typed_jobs import augment, finetune, train
-
-PRIOR = {"omega0": [0.5, 3.5]}
+from tiny import PRIOR, but, of_kind
 
 
 def trained(data, folder, settings, seeds):
-    settings = settings | {"seeds": seeds}
     output = folder / f"{len(seeds)}_{seeds[0]}.safetensors"
-    train(data, output, folder / f"work{seeds}", settings, None)
+    train(data, output, folder / f"work{seeds}", but(settings, seeds=seeds), None)
     return output
 
 
@@ -32,11 +34,8 @@ def trained(data, folder, settings, seeds):
     ),
 )
 def test_a_group_trains_as_each_seed_alone_and_is_kept(data, tmp_path, settings, encoder, interaction):
-    settings["model"] = {
-        "encoder": {"kind": f"plain_parts:{encoder}"},
-        "interaction": {"kind": f"plain_parts:{interaction}"},
-    }
-    own = [settings["model"][part]["kind"] for part in ("encoder", "interaction")]
+    own = [f"plain_parts:{encoder}", f"plain_parts:{interaction}"]
+    settings = but(settings, model=PartsSettings(encoder={"kind": own[0]}, interaction={"kind": own[1]}))
     together = store.load(trained(data, tmp_path, settings, [0, 1]), classes=own).model.state_dict()
     stored = store.load(tmp_path / "2_0.safetensors", classes=own)
     start = Hybrid.network(stored.model.system, stored.card)
@@ -49,17 +48,14 @@ def test_a_group_trains_as_each_seed_alone_and_is_kept(data, tmp_path, settings,
 
 @pytest.mark.slow
 def test_plain_parts_are_augmented_and_finetuned_with_theta_frozen(data, tmp_path, settings):
-    settings["model"] = {
-        "encoder": {"kind": "plain_parts:LinearEncoder"},
-        "interaction": {"kind": "plain_parts:SpectralInteraction"},
-    }
-    own = settings["classes"] = [settings["model"][part]["kind"] for part in ("encoder", "interaction")]
-    settings["choices"] = settings["choices"] | {"frozen": "interaction_and_z_e_head"}
+    own = ["plain_parts:LinearEncoder", "plain_parts:SpectralInteraction"]
+    parts = PartsSettings(encoder={"kind": own[0]}, interaction={"kind": own[1]})
+    settings = but(settings, model=parts, choices=but(settings.choices, frozen="interaction_and_z_e_head"))
     model = trained(data, tmp_path, settings, [0, 1])
-    augment(model, data, tmp_path / "plus.st", settings | {"prior": PRIOR, "noise": 0.01})
+    augment(model, data, tmp_path / "plus.st", of_kind(AugmentJob, settings, prior=PRIOR, noise=0.01, classes=own))
     plus = augmentation.load(tmp_path / "plus.st", torch.device("cpu"), torch.arange(31) * 0.1)
     assert plus.train.y.isfinite().all()
-    tuned = settings | {"method": "a+", "label": "A+"}
+    tuned = of_kind(FinetuneJob, settings, method="a+", label="A+", classes=own)
     finetune(model, tmp_path / "plus.st", data, tmp_path / "plus.safetensors", tmp_path / "w", tuned, None)
     before, after = (store.load(p, classes=own).model.state_dict() for p in (model, tmp_path / "plus.safetensors"))
     for name, value in before.items():
@@ -68,6 +64,6 @@ def test_plain_parts_are_augmented_and_finetuned_with_theta_frozen(data, tmp_pat
 
 
 def test_a_loss_that_is_not_one_number_a_seed_is_refused(data, tmp_path, settings):
-    settings["build"] = {"kind": "hybrid", "objective": "plain_parts:ScalarLoss"}
+    job = but(settings, build=Build(kind="hybrid", objective="plain_parts:ScalarLoss"))
     with pytest.raises(InputError, match=r"ScalarLoss.* shape \(\); .*\(2,\)"):
-        train(data, tmp_path / "m", tmp_path / "work", settings, None)
+        train(data, tmp_path / "m", tmp_path / "work", job, None)

@@ -10,18 +10,19 @@ import torch
 from expertaug.errors import InputError
 from expertaug.learning.settings import FinetuneOptions
 from expertaug.learning.train import FURTHER
+from expertaug.learning.train import run_stage as train
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from expertaug.presets import resolve
 from nightly import others_slow
-from typed_jobs import train
+from tiny import but
 
 RESTARTED = {"restarts": 2, "restart_gap": 1e-6}  # whatever is not the best
 
 
 def run(data, folder, settings, **training):
-    told = settings | {"training": settings["training"] | training}
-    train(data, folder / "model.safetensors", folder / "work", told, None)
+    job = but(settings, training=but(settings.training, **training))
+    train(data, folder / "model.safetensors", folder / "work", job, None)
     return store.load(folder / "model.safetensors")
 
 
@@ -30,7 +31,7 @@ def lines(folder):
 
 
 def test_a_seed_behind_is_begun_anew_and_its_better_state_kept(data, tmp_path, settings):
-    settings["seeds"] = [0, 1, 2]
+    settings = but(settings, seeds=[0, 1, 2])
     plain = run(data, tmp_path / "plain", settings)
     restarted = run(data, tmp_path / "restarted", settings, **RESTARTED)
     before, after = plain.card.best_score, restarted.card.best_score
@@ -56,7 +57,7 @@ def test_a_restart_is_the_training_of_another_seed(data, tmp_path, settings):
     last = {event["seed"]: number for number, event in enumerate(events, 1) if event["kept"]}
     assert last, "one of three is better"
     for seed, number in last.items():  # a seed of two is alone where it is begun anew
-        other = run(data, tmp_path / f"other{seed}", settings | {"seeds": [seed + number * FURTHER]})
+        other = run(data, tmp_path / f"other{seed}", but(settings, seeds=[seed + number * FURTHER]))
         assert restarted.card.best_score[seed] == other.card.best_score[0]
         assert restarted.card.carried["lambda0"][seed] == other.card.carried["lambda0"][0]
         for name, value in other.model.state_dict().items():
@@ -65,7 +66,7 @@ def test_a_restart_is_the_training_of_another_seed(data, tmp_path, settings):
 
 @pytest.mark.parametrize("last", others_slow([14, 9, 26]), ids=["first restart", "first training", "second restart"])
 def test_a_restart_that_is_killed_goes_on_to_the_same_bits(data, tmp_path, settings, monkeypatch, last):
-    settings["seeds"] = [0, 1, 2]
+    settings = but(settings, seeds=[0, 1, 2])
     whole = run(data, tmp_path / "whole", settings, **RESTARTED)
     step, taken = Trainer.step, []
 

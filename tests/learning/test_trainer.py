@@ -12,12 +12,14 @@ from expertaug.learning import objectives
 from expertaug.learning.job import Checkpoint, fingerprint, locked
 from expertaug.learning.objectives import finite_forecast
 from expertaug.learning.residuals import mean_squared_error
-from expertaug.learning.trainer import Trainer, TrainSettings
+from expertaug.learning.settings import TrainSettings
+from expertaug.learning.train import run_stage as train
+from expertaug.learning.trainer import Trainer
 from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
 from expertaug.models.estimators import Hybrid
 from expertaug.trajectories import Trajectories
-from typed_jobs import train
+from tiny import but
 
 
 def run(data, folder, settings):
@@ -34,12 +36,11 @@ def test_same_seed_same_bits_apart_from_the_time_it_took(data, tmp_path, setting
 
 def test_one_step_of_a_seed_is_the_same_alone_and_in_a_block(data, tmp_path, settings):
     """To rounding: batched products sum in another order."""
-    settings["training"] |= {"epochs": 1, "batch_size": 40}
-    settings["seeds"] = [5, 6, 7]
+    settings = but(settings, seeds=[5, 6, 7], training=but(settings.training, epochs=1, batch_size=40))
     run(data, tmp_path / "group", settings)
     group = store.load(tmp_path / "group/model.safetensors").model.state_dict()
-    for place, seed in enumerate(settings["seeds"]):
-        run(data, tmp_path / str(seed), settings | {"seeds": [seed]})
+    for place, seed in enumerate(settings.seeds):
+        run(data, tmp_path / str(seed), but(settings, seeds=[seed]))
         alone = store.load(tmp_path / str(seed) / "model.safetensors").model.state_dict()
         for name, value in alone.items():
             torch.testing.assert_close(group[name][place], value[0], rtol=1e-3, atol=1e-5)
@@ -66,7 +67,7 @@ def test_a_killed_training_begins_again_under_a_changed_own_module(data, tmp_pat
     own = tmp_path / "own_lab" / "system.py"
     own.write_text("from expertaug.systems.pendulum import DampedPendulum\n\n\nclass Own(DampedPendulum):\n    pass\n")
     monkeypatch.syspath_prepend(tmp_path)
-    settings["system"] = {"name": "own_lab.system"}
+    settings = but(settings, system={"name": "own_lab.system"})
     taken = killed(run, data, tmp_path, settings)
     assert (tmp_path / "work/checkpoint.pt").exists()
     own.write_text(own.read_text() + "# changed\n")
@@ -170,9 +171,8 @@ def test_the_loss_window_grows_over_the_first_share_of_steps():
 def test_the_loss_window_grows_to_that_of_the_preset(data, tmp_path, settings, monkeypatch, window, longest):
     solved, points = [], finite_forecast
     monkeypatch.setattr(objectives, "finite_forecast", lambda *a, **k: solved.append(a[5]) or points(*a, **k))
-    settings["choices"] |= {"loss_window": window}
-    settings["training"] |= {"horizon_warmup": 0.5}
-    run(data, tmp_path, settings)
+    choices, growing = but(settings.choices, loss_window=window), but(settings.training, horizon_warmup=0.5)
+    run(data, tmp_path, but(settings, choices=choices, training=growing))
     assert solved == sorted(solved) and solved[0] < longest / 2 and solved[len(solved) // 2] == solved[-1] == longest
 
 
@@ -187,9 +187,8 @@ def test_the_expert_is_alone_first(data, tmp_path, settings, monkeypatch):
         return loss(self, model, batch, task)
 
     monkeypatch.setattr(objectives.Aphynity, "loss", watched)
-    settings["model"]["interaction"] |= {"start": 0.01}
-    settings["training"] |= {"expert_first": 0.5}
-    run(data, tmp_path, settings)
+    model = but(settings.model, interaction={**settings.model.interaction, "start": 0.01})
+    run(data, tmp_path, but(settings, model=model, training=but(settings.training, expert_first=0.5)))
     first, rest = sizes[:6], sizes[6:]
     assert set(first) == {0.0} and len(rest) == 6
     assert 0 < rest[0] <= 0.01 / 6**0.5 and rest[-1] != rest[0]

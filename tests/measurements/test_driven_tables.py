@@ -10,10 +10,13 @@ import expertaug as ea
 from expertaug import systems
 from expertaug.config import load as config
 from expertaug.errors import InputError, InputErrors
+from expertaug.inference.adaptive_prior import run_stage as own_prior
+from expertaug.inference.settings import FirstPriorJob
+from expertaug.learning.settings import Build
+from expertaug.models.settings import PartsSettings, RefinementSettings
 from expertaug.presets import resolve
 from expertaug.runs.own_classes import check_classes
 from expertaug.systems.base import Parameter
-from typed_jobs import own_prior
 
 T = np.arange(41) * 0.05
 COLUMNS = {"columns": {"theta": "angle"}, "inputs": {"torque": {"name": "drive", "factor": 0.1}}, "trajectory": "trial"}
@@ -111,11 +114,24 @@ def test_such_sets_are_learned_from_and_find_their_own_prior(truth, tmp_path):
     window = sets["test"].seen[:, : fitted.observed]
     found = fitted.forecast(window, sets["test"].t, u=sets["test"].u)
     assert np.isfinite(found.y).all() and np.median(found.chi2) < 100
-    settings = {"experiment": "driven", "method": "least_squares", "label": "", "preset": "corrected"}
-    settings |= {"system": {"name": "driven_pendulum"}, "build": {"kind": "least_squares", "interaction": False}}
-    settings |= {"model": {}, "training": {}, "t1_s": 1.0, "start": START, "choices": resolve("corrected")}
-    settings |= {"seeds": [0], "windows": ["test"], "budget": 2.0, "noise": {"theta": 0.01}, "refinement": {}}
-    told = own_prior(None, tmp_path, tmp_path / "prior.json", settings)
+    job = FirstPriorJob(
+        experiment="driven",
+        method="least_squares",
+        label="",
+        preset="corrected",
+        system={"name": "driven_pendulum"},
+        build=Build(kind="least_squares", interaction=False),
+        model=PartsSettings(),
+        t1_s=1.0,
+        start=START,
+        choices=resolve("corrected"),
+        seeds=[0],
+        windows=["test"],
+        budget=2.0,
+        noise={"theta": 0.01},
+        refinement=RefinementSettings(),
+    )
+    told = own_prior(None, tmp_path, tmp_path / "prior.json", job)
     assert json.loads((tmp_path / "prior.json").read_text())["ranges"]["omega0"] == list(told.ranges["omega0"])
 
 

@@ -16,6 +16,8 @@ from expertaug import systems
 from expertaug.cli import main
 from expertaug.measurements.slopes import slope
 from expertaug.systems import Parameter, System
+from expertaug.systems.double_pendulum import DoublePendulum
+from expertaug.systems.rlc import RLC
 from nightly import others_slow
 
 REAL = Path(__file__).parents[3] / "shared" / "measurements"
@@ -94,8 +96,8 @@ def test_which_component_is_whose_rate_follows_from_the_system():
 
     assert systems.rates(Cart()) == {"v": "x"} and systems.rates(Broken()) == {}
     assert systems.rates(ea.DampedPendulum()) == {"omega": "theta"}
-    assert systems.rates(systems.load({"name": "rlc"})) == {}
-    double = systems.load({"name": "double_pendulum", "expert": "point_mass"})
+    assert systems.rates(RLC()) == {}
+    double = DoublePendulum(expert="point_mass")
     assert systems.rates(double) == {"omega1": "theta1", "omega2": "theta2"}
 
 

@@ -6,14 +6,15 @@ import pytest
 import torch
 
 import plain_parts as parts
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models.describe import describe, is_built_in, recipe_of, system_of
 from expertaug.models.encoders.window import WindowEncoder
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.mlp import MLPInteraction
+from expertaug.systems.reaction_diffusion import ReactionDiffusion
+from expertaug.systems.rlc import RLC
 
-SYSTEM = systems.load({"name": "rlc", "source_rad_s": 3.0})
+SYSTEM = RLC(source_rad_s=3.0)
 TIMES = [0.0, 0.1, 0.2]
 WINDOWS = {"U": [0.0, 0.2]}
 
@@ -92,7 +93,7 @@ def test_what_an_encoder_refuses_is_one_line(encoder, expected):
 
 @pytest.mark.parametrize("kind", ["window", "recurrent", "two_step"])
 def test_encoders_of_plain_states_refuse_fields(kind):
-    fields = systems.load({"name": "reaction_diffusion"})
+    fields = ReactionDiffusion()
     options = {"windows": {"u": [0.0, 0.2]}} if kind == "window" else {}
     with pytest.raises(InputError, match=r"ReactionDiffusion has states of shape \(2, 32, 32\); "):
         HybridModel(fields, {"kind": kind} | options).build(TIMES, [0])
@@ -102,7 +103,7 @@ def test_encoders_of_plain_states_refuse_fields(kind):
 
 def test_a_file_of_an_earlier_version_names_a_class_where_it_stood_then():
     moved = {"kind": "expertaug.models.encoders.convolutional:ConvEncoder", "channels": [2], "strides": [1]}
-    recipe = HybridModel(systems.load({"name": "reaction_diffusion"}), moved)
+    recipe = HybridModel(ReactionDiffusion(), moved)
     assert is_built_in(moved["kind"])
     assert not is_built_in("mine.encoders.convolutional:ConvEncoder")
     assert recipe.build_one(TIMES).encoder.latent == 10

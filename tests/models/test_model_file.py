@@ -9,16 +9,16 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.card import ModelCard, PartsRecord, TrainingRecord
 from expertaug.models.estimators import Hybrid
 from expertaug.models.tensor_file import DIGEST, HEADER, _digest, read_tensors, write_tensors
+from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.settings import SolverSettings
 from expertaug.systems.solvers.solver import Solver
 
-PENDULUM = systems.load({"name": "pendulum"})
+PENDULUM = DampedPendulum()
 CARD = ModelCard(
     kind="hybrid",
     system={"name": "pendulum"},

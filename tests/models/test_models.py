@@ -14,6 +14,9 @@ from expertaug.models.estimators import Hybrid
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.networks.layers import GRU, Standardise
 from expertaug.models.posterior import Delta
+from expertaug.systems.double_pendulum import DoublePendulum
+from expertaug.systems.pendulum import DampedPendulum
+from expertaug.systems.rlc import RLC
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
 
@@ -122,7 +125,7 @@ def test_gru_is_torchs():
 
 
 def test_the_order_in_which_windows_are_written_does_not_matter():
-    system, times = systems.load({"name": "rlc"}), torch.arange(5) * 0.1
+    system, times = RLC(), torch.arange(5) * 0.1
     windows = {"U": [0.0, 0.4], "I": [0.1, 0.2]}
     observed = torch.randn(5, 3, 2)
     written, turned = (
@@ -143,7 +146,7 @@ def test_window_encoder_sees_its_windows_only():
 
 
 def test_inputs_are_standardised_by_the_training_set():
-    system = systems.load(DOUBLE["system"])
+    system = DoublePendulum(constants=CONSTANTS)
     encoder = HybridModel(system, **DOUBLE["model"]).build_one(torch.arange(11) * 0.01).encoder
     observed = torch.randn(11, 4000, 4) * 0.3
     encoder.fit(observed)
@@ -154,7 +157,7 @@ def test_inputs_are_standardised_by_the_training_set():
 
 def test_mean_model_predicts_the_mean():
     mean = torch.arange(8.0).reshape(4, 2)
-    forecast, z_e = MeanModel(systems.load({"name": "pendulum"}), mean).predict(
+    forecast, z_e = MeanModel(DampedPendulum(), mean).predict(
         seen(torch.zeros(2, 3, 5, 2), torch.arange(4.0)), Solver()
     )
     assert forecast.shape == (4, 3, 5, 2) and z_e is None
@@ -169,13 +172,13 @@ def test_delta_is_a_gaussian_up_to_a_constant():
 
 
 def test_bad_model_settings_are_named(tmp_path):
-    system, times = systems.load({"name": "pendulum"}), torch.arange(11) * 0.1
+    system, times = DampedPendulum(), torch.arange(11) * 0.1
     good = PENDULUM["model"]
     with pytest.raises(InputError, match=r"model\.encoder\.kind.*'cnn'"):
         HybridModel(system, **(good | {"encoder": {"kind": "cnn"}})).build_one(times)
     with pytest.raises(InputError, match=r"model\.interaction\.width.*unknown"):
         HybridModel(system, **(good | {"interaction": {"kind": "mlp", "width": 3}})).build_one(times)
-    double = systems.load(DOUBLE["system"])
+    double = DoublePendulum(constants=CONSTANTS)
     with pytest.raises(InputError, match=r"windows\.theta3"):
         HybridModel(double, **(good | {"encoder": {"kind": "window", "windows": {"theta3": [0, 1]}}})).build_one(times)
     (tmp_path / "m").write_bytes(b"nonsense")
@@ -195,7 +198,7 @@ def test_an_encoder_from_elsewhere_needs_no_change_here():
     model = PENDULUM["model"] | {
         "encoder": {"kind": "expertaug.models.encoders.recurrent:RecurrentEncoder", "hidden": 4, "layers": [3]}
     }
-    assert HybridModel(systems.load({"name": "pendulum"}), **model).build_one(torch.arange(3) * 0.1).encoder.latent == 4
+    assert HybridModel(DampedPendulum(), **model).build_one(torch.arange(3) * 0.1).encoder.latent == 4
 
 
 def test_an_input_that_training_holds_constant_is_not_blown_up():

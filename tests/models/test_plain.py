@@ -8,7 +8,6 @@ from torch import nn
 
 import plain_parts as parts
 from cards import card
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.describe import describe
@@ -16,11 +15,12 @@ from expertaug.models.encoders.window import WindowEncoder
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.mlp import MLPInteraction
 from expertaug.models.posterior import Gaussian
+from expertaug.systems.rlc import RLC
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
 
 TIMES = torch.arange(5) * 0.1
-SYSTEM = systems.load({"name": "rlc"})
+SYSTEM = RLC()
 ENCODERS = [
     parts.LinearEncoder,
     parts.InheritedEncoder,

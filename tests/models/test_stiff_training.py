@@ -4,8 +4,8 @@ import pytest
 import torch
 
 import plain_parts as parts
-from expertaug import systems
 from expertaug.models.hybrid import HybridModel
+from expertaug.systems.rlc import RLC
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
 
@@ -19,7 +19,7 @@ OURS = (
 
 @pytest.mark.parametrize("pair", [OURS, (parts.LinearEncoder, parts.LinearInteraction)], ids=["stacked", "plain"])
 def test_they_are_those_of_finite_differences(pair):
-    model = HybridModel(systems.load({"name": "rlc"}), *pair).build(TIMES, [0, 1]).double()
+    model = HybridModel(RLC(), *pair).build(TIMES, [0, 1]).double()
     y = torch.randn(6, 2, 3, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
 
     def loss() -> torch.Tensor:

@@ -2,11 +2,11 @@
 
 import torch
 
-from expertaug import systems
+from expertaug.systems.lorenz import Lorenz
 
 
 def test_it_rests_where_it_should_and_the_expert_lacks_the_drive():
-    system = systems.load({"name": "lorenz"})
+    system = Lorenz()
     sigma, beta, rho = 10.0, 8 / 3, 28.0
     z_e, z_a = torch.tensor([[sigma, beta]], dtype=torch.float64), torch.tensor([[rho]], dtype=torch.float64)
     side = (beta * (rho - 1)) ** 0.5
@@ -19,5 +19,5 @@ def test_it_rests_where_it_should_and_the_expert_lacks_the_drive():
 
 
 def test_simulations_begin_about_nothing():
-    y0 = systems.load({"name": "lorenz"}).sample_initial_state(4000, torch.Generator().manual_seed(0))
+    y0 = Lorenz().sample_initial_state(4000, torch.Generator().manual_seed(0))
     assert y0.shape == (4000, 3) and abs(y0.std().item() - 0.5) < 0.02

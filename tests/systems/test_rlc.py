@@ -5,7 +5,7 @@ import torch
 
 from expertaug import systems
 from expertaug.errors import InputError
-from expertaug.systems.rlc import AMPLITUDE, OFFSET
+from expertaug.systems.rlc import AMPLITUDE, OFFSET, RLC
 from expertaug.systems.settings import SimulatedData, SimulatedSet
 from expertaug.systems.simulate import sample
 
@@ -29,7 +29,7 @@ def exact(t, y0, z_e, z_a, by, source_rad_s):
 @pytest.mark.parametrize("equations", ["kirchhoff", "additive", "code"])
 @pytest.mark.parametrize("source_rad_s", [2.0, 0.0])
 def test_simulation_is_the_linear_solution(equations, source_rad_s):
-    system = systems.load({"name": "rlc", "equations": equations, "source_rad_s": source_rad_s})
+    system = RLC(equations=equations, source_rad_s=source_rad_s)
     data = sample(system, DATA, "train")
     t, z_e, z_a = (torch.from_numpy(x).double() for x in (data.t[:50], data.z_e, data.z_a))
     for k in range(3):
@@ -40,7 +40,7 @@ def test_simulation_is_the_linear_solution(equations, source_rad_s):
 
 def test_kirchhoffs_voltage_law_holds():
     """V = U + R I + L dI/dt and I = C dU/dt, whatever the state."""
-    system = systems.load({"name": "rlc"})
+    system = RLC()
     y, z_e, z_a = torch.randn(7, 2), torch.rand(7, 2) + 0.5, torch.rand(7, 1) + 1
     t = torch.tensor(0.7)
     rate = system.truth(t, y, z_e, z_a)
@@ -50,13 +50,13 @@ def test_kirchhoffs_voltage_law_holds():
 
 
 def test_the_expert_lacks_the_resistance_alone():
-    system = systems.load({"name": "rlc"})
+    system = RLC()
     y, z_e, t = torch.randn(7, 2), torch.rand(7, 2) + 0.5, torch.tensor(0.3)
     assert torch.equal(system.expert(t, y, z_e), system.truth(t, y, z_e, torch.zeros(7, 1)))
 
 
 def test_starts_without_current():
-    y0 = systems.load({"name": "rlc"}).sample_initial_state(4000, torch.Generator().manual_seed(0))
+    y0 = RLC().sample_initial_state(4000, torch.Generator().manual_seed(0))
     assert (y0[:, 1] == 0).all()
     assert abs(y0[:, 0].std() - 1) < 0.05
 

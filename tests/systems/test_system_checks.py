@@ -8,6 +8,7 @@ from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.systems import Parameter, System
 from expertaug.systems.check_system import check_system
+from expertaug.systems.double_pendulum import DoublePendulum
 from expertaug.systems.solvers.solver import Solver
 
 CONSTANTS = {"B1": 0.103, "G1": 69.4, "B2": 1.35, "G2": 93.5}
@@ -45,7 +46,7 @@ def test_every_simulated_system_passes(settings):
 
 
 def test_a_recorded_system_passes():
-    check_system(systems.load({"name": "double_pendulum", "constants": CONSTANTS}), simulated=False)
+    check_system(DoublePendulum(constants=CONSTANTS), simulated=False)
 
 
 def test_ranges_that_fit_pass():

@@ -15,6 +15,8 @@ from expertaug.cli import main
 from expertaug.errors import InputError, SolveError
 from expertaug.systems.base import constant_like
 from expertaug.systems.double_pendulum import Constants, accelerations, energy, point_masses
+from expertaug.systems.driven_pendulum import DrivenPendulum
+from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.settings import SYSTEMS, PendulumSettings, SimulatedData, SimulatedSet, SimulateJob
 from expertaug.systems.simulate import sample, simulate, trajectories
 from expertaug.systems.solvers.solver import Solver, check_finite
@@ -37,14 +39,14 @@ def test_units_of_parameters_are_the_systems_own(name):
 
 
 def test_undamped_pendulum_keeps_its_energy():
-    data = sample(systems.load({"name": "pendulum"}), pendulum_data(alpha=(0.0, 0.0)), "train")
+    data = sample(DampedPendulum(), pendulum_data(alpha=(0.0, 0.0)), "train")
     theta, speed = data.y[..., 0].astype(float), data.y[..., 1].astype(float)
     total = speed**2 / 2 + data.z_e.astype(float) ** 2 * (1 - np.cos(theta))
     assert np.abs(total / total[:, :1] - 1).max() < 1e-4
 
 
 def test_a_pendulum_may_start_anywhere_at_a_distance_from_rest():
-    system = systems.load({"name": "pendulum", "start_radius": [1.3, 2.3]})
+    system = DampedPendulum(start_radius=[1.3, 2.3])
     y0 = system.sample_initial_state(500, torch.Generator().manual_seed(0))
     distance = y0.norm(dim=1)
     assert distance.min() >= 1.3 and distance.max() <= 2.3 and np.ptp(distance.numpy()) > 0.9
@@ -55,7 +57,7 @@ def test_a_pendulum_may_start_anywhere_at_a_distance_from_rest():
 
 
 def test_a_hidden_torque_moves_the_driven_pendulum_as_a_known_one_does():
-    known, hidden = (systems.load({"name": "driven_pendulum", "torque": torque}) for torque in ("known", "hidden"))
+    known, hidden = (DrivenPendulum(torque=torque) for torque in ("known", "hidden"))
     assert [p.name for p in hidden.interaction_parameters] == ["gamma", "A", "f"] and not hidden.inputs
     t = torch.tensor(0.3, dtype=torch.float64)
     y = torch.tensor([[0.4, -0.2], [1.0, 0.5]], dtype=torch.float64)
@@ -78,20 +80,20 @@ def test_a_pendulum_of_which_the_angle_is_seen_has_its_errors_alone(name):
 def test_a_pendulum_whose_friction_is_the_experts_moves_as_the_other():
     train = SimulatedSet(size=6, z_e={"omega0": (1.5, 3.1), "alpha": (0.0, 0.6)})
     rubbed = pendulum_data().model_copy(update={"sets": {"train": train}})
-    system = systems.load({"name": "pendulum", "friction": "estimated"})
+    system = DampedPendulum(friction="estimated")
     assert [p.name for p in system.expert_parameters] == ["omega0", "alpha"] and not system.interaction_parameters
     assert PendulumSettings(friction="estimated").expert_names == ("omega0", "alpha")
     one = sample(system, rubbed, "train")
     y, z_e, z_a = torch.from_numpy(one.y[:, 3]), torch.from_numpy(one.z_e[:, :1]), torch.from_numpy(one.z_e[:, 1:])
     t = torch.zeros(())
-    other = systems.load({"name": "pendulum"}).truth(t, y, z_e, z_a)
+    other = DampedPendulum().truth(t, y, z_e, z_a)
     torch.testing.assert_close(system.expert(t, y, torch.from_numpy(one.z_e)), other)
     with pytest.raises(InputError, match=r"system\.friction"):
         systems.load({"name": "pendulum", "friction": "known"})
 
 
 def test_small_damped_oscillation_is_the_linear_solution():
-    class Small(type(systems.load({"name": "pendulum"}))):
+    class Small(DampedPendulum):
         def sample_initial_state(self, n, generator):
             return torch.tensor([[1e-3, 0.0]], dtype=torch.float64).expand(n, 2)
 
@@ -108,7 +110,7 @@ def test_small_damped_oscillation_is_the_linear_solution():
 def test_every_seed_and_every_name_has_numbers_of_its_own():
     """Those of seed 0 are the name's alone, as ever."""
     ranges, t = {"omega0": (0.0, 1.0)}, np.arange(2) * 0.1
-    system = systems.load({"name": "pendulum"})
+    system = DampedPendulum()
     drawn = {
         (seed, name): trajectories(system, ranges, {"alpha": (0.0, 0.0)}, n=20, t=t, seed=seed, name=name).z_e[:, 0]
         for seed in (0, 1, 2, 7, 2**31 - 1)
@@ -135,7 +137,7 @@ def test_simulation_is_reproducible_and_sets_are_independent(tmp_path):
 
 
 def test_noise_is_on_every_point_including_the_first():
-    clean, noisy = (sample(systems.load({"name": "pendulum"}), pendulum_data(200, s), "train") for s in (0.0, 0.01))
+    clean, noisy = (sample(DampedPendulum(), pendulum_data(200, s), "train") for s in (0.0, 0.01))
     assert np.std((noisy.y - clean.y)[:, 0]) == pytest.approx(0.01, rel=0.15)
     assert np.std((noisy.y - clean.y)[:, -1]) == pytest.approx(0.01, rel=0.15)
 
@@ -165,7 +167,7 @@ def test_point_masses_are_the_papers_equations():
 
 def test_fixed_grid_agrees_with_tolerance():
     """One RK4 step a data interval: 3e-4 rad on the pendulum over the observed window."""
-    system = systems.load({"name": "pendulum"})
+    system = DampedPendulum()
     z_e, y0 = torch.linspace(0.5, 3.5, 31).unsqueeze(-1), torch.tensor([[1.5, 0.0]]).expand(31, 2)
     t = torch.linspace(0, 5, 51)
     fixed, exact = (
@@ -240,7 +242,7 @@ def test_non_finite_trajectory_names_system_and_parameters():
 
 
 def test_a_simulation_that_fails_names_set_and_parameters():
-    class Runaway(type(systems.load({"name": "pendulum"}))):
+    class Runaway(DampedPendulum):
         def truth(self, t, y, z_e, z_a):
             return torch.where(z_e > 2.5, y.square().sum(-1, keepdim=True) * 1e3 + 1e3, y)
 

@@ -7,7 +7,6 @@ import torch
 from test_least_squares import NOISE, OBSERVED, PRIOR, T, expert_alone, pendulum
 from torch import nn
 
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.evaluation import validity
 from expertaug.evaluation.settings import FittedVersion, ValidityJob
@@ -16,6 +15,7 @@ from expertaug.inference.settings import ValiditySettings
 from expertaug.models.decoder import Decoder
 from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.store import StoredModel
+from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
 
@@ -45,7 +45,7 @@ def stored(decoder, data):
 
 def made(drag, z_e, n=16):
     """Windows y (T1, 1, N, 2) of a pendulum with the drag, and their truths."""
-    system = systems.load({"name": "pendulum"})
+    system = DampedPendulum()
     data = pendulum(z_e, damping=(0.2, 0.5), n=n)
     y0, true, z_a = (torch.from_numpy(value) for value in (data.y[:, 0], data.z_e, data.z_a))
     with torch.no_grad():
@@ -59,7 +59,7 @@ def made(drag, z_e, n=16):
 def test_f_a_changes_where_it_lacks_something():
     right, truth, data = made(0.0, (1.5, 3.1))
     lacking, _, _ = made(0.3, (0.8, 1.5))
-    model = stored(Decoder(systems.load({"name": "pendulum"}), Friction()), data)
+    model = stored(Decoder(DampedPendulum(), Friction()), data)
     fit = RefinementSettings(starts=16, tries=2, steps=15)
     own = refit(model, right, NOISE, PRIOR, fit, HOW, truth)
     other = refit(model, lacking, NOISE, PRIOR, fit, HOW)
@@ -83,7 +83,7 @@ def test_the_study_has_a_sentence_a_version():
     sets = {}
     for name, z_e in (("train", (1.5, 3.1)), ("validation", (1.5, 3.1)), ("test", (0.6, 1.5))):
         sets[name] = pendulum(z_e, damping=(0.2, 0.5), n=12)
-    model = stored(Decoder(systems.load({"name": "pendulum"}), Friction()), pendulum((1.5, 3.1), n=3))
+    model = stored(Decoder(DampedPendulum(), Friction()), pendulum((1.5, 3.1), n=3))
     fit = Refinement(settings=RefinementSettings(starts=8, tries=1, steps=10), noise=NOISE, prior=PRIOR)
     job = ValidityJob(
         experiment="pendulum",

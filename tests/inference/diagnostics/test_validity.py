@@ -7,10 +7,10 @@ import pytest
 import torch
 from torch import nn
 
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.inference.diagnostics.validity import along, error_of_interaction
 from expertaug.models.decoder import Decoder
+from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.simulate import trajectories
 
 
@@ -39,7 +39,7 @@ def test_mistakes_are_one_line():
     with pytest.raises(InputError, match="leave these windows out"):
         along("a", z, np.full(5, np.nan), z, np.ones(5))
     with pytest.raises(InputError, match="has no interaction model"):
-        decoder = Decoder(systems.load({"name": "pendulum"}))
+        decoder = Decoder(DampedPendulum())
         error_of_interaction(decoder, [0.0], *[torch.zeros(1, 1, 2)] * 3, *[torch.zeros(1, 1, 1)] * 2)
 
 
@@ -59,7 +59,7 @@ class Friction(nn.Module):
 
 @pytest.mark.parametrize("share", [1.0, 0.8, 0.0])
 def test_the_error_is_a_share_of_the_true_interaction(share):
-    system = systems.load({"name": "pendulum"})
+    system = DampedPendulum()
     data = trajectories(system, {"omega0": (1.5, 3.1)}, {"alpha": (0.2, 0.6)}, n=6, t=np.arange(21) * 0.1)
     y, z_e, z_a = (torch.from_numpy(v) for v in (data.y, data.z_e, data.z_a))
     decoder = Decoder(system, Friction(share))

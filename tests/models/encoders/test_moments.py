@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from cards import card
-from expertaug import systems
 from expertaug.models.encoders.fields import PART, Moments
 from expertaug.models.estimators import Hybrid
+from expertaug.systems.reaction_diffusion import ReactionDiffusion
 from expertaug.systems.settings import SimulatedData, SimulatedSet
 from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
@@ -24,7 +24,7 @@ T = (np.arange(6) * 0.1).tolist()
 def make(kind, seeds):
     model = {"encoder": ENCODERS[kind], "interaction": {"kind": "polynomial", "degree": 1}}
     description = {"kind": "hybrid", "t": T, "observed": 4, "seeds": seeds, "expert": True, "interaction": True}
-    return Hybrid.network(systems.load(SYSTEM), card(description | {"system": SYSTEM, "model": model}))
+    return Hybrid.network(ReactionDiffusion(), card(description | {"system": SYSTEM, "model": model}))
 
 
 def fields(seeds, samples=5):
@@ -45,7 +45,7 @@ def test_a_block_computes_what_each_seed_does_alone(kind):
 
 
 def test_moments_do_not_change_when_fields_are_shifted_and_are_standardised():
-    moments = Moments(systems.load(SYSTEM), 4)
+    moments = Moments(ReactionDiffusion(), 4)
     y = fields(1, 40)[:4, 0].movedim(0, 1)
     moments.fit(y)
     found = moments(y)
@@ -58,9 +58,9 @@ def test_moments_do_not_change_when_fields_are_shifted_and_are_standardised():
 def test_moments_tell_the_diffusion_coefficients():
     ranges = SimulatedSet(size=300, z_e={"a": (0.001, 0.002), "b": (0.003, 0.007)}, z_a={"k": (0.003, 0.005)})
     data = SimulatedData(seed=0, step_s=0.1, t2_s=1.0, noise=0.0, sets={"train": ranges})
-    drawn = sample(systems.load(SYSTEM), data, "train")
+    drawn = sample(ReactionDiffusion(), data, "train")
     y, z_e = torch.from_numpy(drawn.y).float(), torch.from_numpy(drawn.z_e).double()
-    moments = Moments(systems.load(SYSTEM), 11, powers=(1,))
+    moments = Moments(ReactionDiffusion(), 11, powers=(1,))
     moments.fit(y[:200])
     x = torch.cat((moments(y), torch.ones(300, 1)), dim=1).double()
     weight = torch.linalg.solve(x[:200].T @ x[:200] + 1e-2 * torch.eye(x.shape[1]), x[:200].T @ z_e[:200])
@@ -81,8 +81,8 @@ def test_gradient_reaches_every_parameter(kind):
 
 
 def test_many_windows_are_taken_in_parts_to_the_same_bits():
-    moments = Moments(systems.load(SYSTEM), 4)
-    frames = torch.rand(2, PART + 3, 4, *systems.load(SYSTEM).state_shape, generator=torch.Generator().manual_seed(0))
+    moments = Moments(ReactionDiffusion(), 4)
+    frames = torch.rand(2, PART + 3, 4, *ReactionDiffusion().state_shape, generator=torch.Generator().manual_seed(0))
     moments.fit(frames[0])
     with torch.no_grad():
         parts = moments(frames)

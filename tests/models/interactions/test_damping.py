@@ -3,14 +3,18 @@
 import pytest
 import torch
 
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models.interactions.damping import DampingInteraction
+from expertaug.systems.pendulum import DampedPendulum
+from expertaug.systems.reaction_diffusion import ReactionDiffusion
+from expertaug.systems.rlc import RLC
 
 
-@pytest.mark.parametrize(("name", "component"), [("pendulum", "omega"), ("rlc", "I"), ("reaction_diffusion", "u")])
-def test_each_component_is_damped_in_proportion_to_itself_for_every_z_a(name, component):
-    system = systems.load({"name": name})
+@pytest.mark.parametrize(
+    ("system_class", "component"), [(DampedPendulum, "omega"), (RLC, "I"), (ReactionDiffusion, "u")]
+)
+def test_each_component_is_damped_in_proportion_to_itself_for_every_z_a(system_class, component):
+    system = system_class()
     torch.manual_seed(0)
     damping = DampingInteraction(system, 2, components=[component])
     at = [c.name for c in system.state].index(component)
@@ -27,14 +31,14 @@ def test_each_component_is_damped_in_proportion_to_itself_for_every_z_a(name, co
 
 def test_the_rate_is_monotone_in_z_a():
     torch.manual_seed(1)
-    damping = DampingInteraction(systems.load({"name": "pendulum"}), 1)
+    damping = DampingInteraction(DampedPendulum(), 1)
     z_a = torch.linspace(-5, 5, 200).unsqueeze(1)
     steps = damping.context(z_a, torch.ones(200, 1)).diff(dim=0)
     assert (steps > 0).all(0).logical_or((steps < 0).all(0)).all()
 
 
 def test_stacked_seeds_agree_with_single_ones():
-    system = systems.load({"name": "reaction_diffusion"})
+    system = ReactionDiffusion()
     y, z_a, z_e = torch.randn(3, 4, *system.state_shape), torch.randn(3, 4, 2), torch.ones(3, 4, 2)
     torch.manual_seed(0)
     single = [DampingInteraction(system, 2, expert_parameters=True) for _ in range(3)]
@@ -48,4 +52,4 @@ def test_stacked_seeds_agree_with_single_ones():
 
 def test_an_unknown_component_is_refused():
     with pytest.raises(InputError, match="'omga'"):
-        DampingInteraction(systems.load({"name": "pendulum"}), 1, components=["omga"])
+        DampingInteraction(DampedPendulum(), 1, components=["omga"])

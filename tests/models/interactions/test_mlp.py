@@ -3,14 +3,15 @@
 import pytest
 import torch
 
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models.interactions.convolutional import ConvInteraction
 from expertaug.models.interactions.mlp import MLPInteraction
 from expertaug.models.interactions.polynomial import PolynomialInteraction
-from expertaug.systems.reaction_diffusion import SIZE
+from expertaug.systems.pendulum import DampedPendulum
+from expertaug.systems.reaction_diffusion import SIZE, ReactionDiffusion
+from expertaug.systems.rlc import RLC
 
-CASES = {"mlp": ("rlc", MLPInteraction, (5, 2)), "conv": ("reaction_diffusion", ConvInteraction, (5, 2, SIZE, SIZE))}
+CASES = {"mlp": (RLC, MLPInteraction, (5, 2)), "conv": (ReactionDiffusion, ConvInteraction, (5, 2, SIZE, SIZE))}
 
 
 def with_random_weights(kind, system, **arguments):
@@ -25,8 +26,8 @@ def with_random_weights(kind, system, **arguments):
 
 @pytest.mark.parametrize("kind", CASES)
 def test_expert_parameters_reach_the_interaction_on_request_only(kind):
-    name, cls, shape = CASES[kind]
-    system, y, z_a = systems.load({"name": name}), torch.rand(shape), torch.randn(5, 3)
+    system_class, cls, shape = CASES[kind]
+    system, y, z_a = system_class(), torch.rand(shape), torch.randn(5, 3)
     scales = torch.tensor([p.scale for p in system.expert_parameters])
     torch.manual_seed(0)
     default, seeing = cls(system, 3), cls(system, 3, expert_parameters=True)
@@ -39,7 +40,7 @@ def test_expert_parameters_reach_the_interaction_on_request_only(kind):
 
 
 def test_the_default_draws_the_same_weights_as_without_the_option():
-    system = systems.load({"name": "rlc"})
+    system = RLC()
     drawn = []
     for arguments in ({}, {"expert_parameters": False}):
         torch.manual_seed(0)
@@ -50,15 +51,15 @@ def test_the_default_draws_the_same_weights_as_without_the_option():
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "acts", "other"),
+    ("kind", "system_class", "acts", "other"),
     [
-        (MLPInteraction, "rlc", "I", 0),
-        (PolynomialInteraction, "rlc", "U", 1),
-        (PolynomialInteraction, "reaction_diffusion", "v", 0),
+        (MLPInteraction, RLC, "I", 0),
+        (PolynomialInteraction, RLC, "U", 1),
+        (PolynomialInteraction, ReactionDiffusion, "v", 0),
     ],
 )
-def test_components_are_those_on_which_the_interaction_acts(kind, name, acts, other):
-    system = systems.load({"name": name})
+def test_components_are_those_on_which_the_interaction_acts(kind, system_class, acts, other):
+    system = system_class()
     interaction, context = with_random_weights(kind, system, components=[acts])
     rates = interaction(torch.randn(6, *system.state_shape), context)
     assert not rates[:, other].any()
@@ -68,16 +69,16 @@ def test_components_are_those_on_which_the_interaction_acts(kind, name, acts, ot
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "reads", "unseen"),
+    ("kind", "system_class", "reads", "unseen"),
     [
-        (MLPInteraction, "rlc", "I", 0),
-        (MLPInteraction, "pendulum", "theta", 1),
-        (PolynomialInteraction, "pendulum", "omega", 0),
-        (PolynomialInteraction, "reaction_diffusion", "u", 1),
+        (MLPInteraction, RLC, "I", 0),
+        (MLPInteraction, DampedPendulum, "theta", 1),
+        (PolynomialInteraction, DampedPendulum, "omega", 0),
+        (PolynomialInteraction, ReactionDiffusion, "u", 1),
     ],
 )
-def test_what_the_interaction_does_not_read_changes_nothing(kind, name, reads, unseen):
-    system = systems.load({"name": name})
+def test_what_the_interaction_does_not_read_changes_nothing(kind, system_class, reads, unseen):
+    system = system_class()
     interaction, context = with_random_weights(kind, system, reads=[reads])
     y = torch.randn(6, *system.state_shape)
     seen = [c.name for c in system.state].index(reads)
@@ -93,7 +94,7 @@ def test_what_the_interaction_does_not_read_changes_nothing(kind, name, reads, u
 
 def test_harmonics_of_the_window_stand_for_the_time():
     """F_a is then periodic in the time, and knows where in the window it is."""
-    system, times = systems.load({"name": "rlc"}), torch.linspace(0, 2.0, 5)
+    system, times = RLC(), torch.linspace(0, 2.0, 5)
     torch.manual_seed(0)
     interaction = MLPInteraction(system, 1, times=times, layers=(8,), time=True, harmonics=3)
     assert interaction.state_layer.weight.shape[0] == 2 + 2 * 3

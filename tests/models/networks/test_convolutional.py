@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from cards import card
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
 from expertaug.models.encoders.fields import ConvEncoder
@@ -13,6 +12,8 @@ from expertaug.models.estimators import Hybrid
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.convolutional import IN_CACHE, ConvInteraction
 from expertaug.models.networks.convolutional import CONVOLUTIONS, Conv, convolve, differences, wrap
+from expertaug.systems.advection_diffusion import AdvectionDiffusion
+from expertaug.systems.reaction_diffusion import ReactionDiffusion
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
 
@@ -28,7 +29,7 @@ def make(seeds, **interaction):
     model = MODEL | {"interaction": MODEL["interaction"] | interaction}
     description = {"kind": "hybrid", "t": T, "observed": 4, "seeds": seeds, "expert": True, "interaction": True}
     description |= {"system": SYSTEM, "model": model}
-    return Hybrid.network(systems.load(SYSTEM), card(description)), description
+    return Hybrid.network(ReactionDiffusion(), card(description)), description
 
 
 def fields(seeds, samples=3):
@@ -56,7 +57,7 @@ def test_differences_end_where_fields_do(rank):
 
 
 def test_without_a_ring_a_network_sees_zeros_beyond_the_ends():
-    line = systems.load({"name": "advection_diffusion"})
+    line = AdvectionDiffusion()
     model = ConvInteraction(line, 1, channels=[4], kernels=[3, 1])
     y, z_a = torch.rand(1, 1, 20), torch.rand(1, 1)
     other = y.clone()
@@ -68,7 +69,7 @@ def test_without_a_ring_a_network_sees_zeros_beyond_the_ends():
 
 
 def test_padding_once_is_padding_before_every_layer():
-    system = systems.load(SYSTEM)
+    system = ReactionDiffusion()
     model, y, z_a = ConvInteraction(system, 3), torch.rand(2, 2, 32, 32), torch.randn(2, 3)
     hidden = torch.cat((y, z_a[..., None, None].expand(2, 3, 32, 32)), dim=1)
     first = torch.cat((model.state_layer.weight, torch.zeros(16, 3, 3, 3)), dim=1)
@@ -134,7 +135,7 @@ def test_estimates_start_at_the_parameters_size_and_are_positive():
 
 
 def test_inputs_are_standardised_by_the_training_set():
-    encoder = HybridModel(systems.load(SYSTEM), **MODEL).build_one(torch.arange(4) * 0.1).encoder
+    encoder = HybridModel(ReactionDiffusion(), **MODEL).build_one(torch.arange(4) * 0.1).encoder
     observed = fields(1, 40)[:4, 0] * torch.tensor([1.0, 3.0]).view(2, 1, 1)
     encoder.fit(observed)
     x = encoder.scale(encoder.inputs(observed))
@@ -151,7 +152,7 @@ def test_bfloat16_agrees_to_its_precision():
 
 
 def test_bad_settings_are_named():
-    system, times = systems.load(SYSTEM), torch.arange(4) * 0.1
+    system, times = ReactionDiffusion(), torch.arange(4) * 0.1
     with pytest.raises(InputError, match=r"interaction\.kernels: found \[3, 3\]; give 3 odd sizes"):
         ConvInteraction(system, 3, kernels=(3, 3))
     with pytest.raises(InputError, match=r"interaction\.precision: found 'half'; known: float32, bfloat16"):
@@ -174,7 +175,7 @@ def test_double_precision_computes_what_torch_computes(rank, kernel, stride):
 
 
 def test_fields_in_parts_are_fields_at_once():
-    model = ConvInteraction(systems.load({"name": "reaction_diffusion"}), 1).double()
+    model = ConvInteraction(ReactionDiffusion(), 1).double()
     y = torch.rand(2 * IN_CACHE + 1, 2, 32, 32, dtype=torch.float64)
     context = model.context(torch.rand(len(y), 1, dtype=torch.float64), torch.rand(len(y), 2, dtype=torch.float64))
     with torch.no_grad():

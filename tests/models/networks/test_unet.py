@@ -3,22 +3,21 @@
 import pytest
 import torch
 
-from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models.encoders.two_step import ConvTwoStep
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.networks.convolutional import UNet
 from expertaug.models.stacking import stack
+from expertaug.systems.reaction_diffusion import ReactionDiffusion
 from seen import seen
 
-SYSTEM = {"name": "reaction_diffusion"}
 SMALL = {"channels": [3, 4], "strides": [1, 2], "layers": [6], "filter_channels": [3, 4, 5], "latent": 2}
 MODEL = {"encoder": {"kind": "conv_two_step", **SMALL}, "interaction": {"kind": "conv", "channels": [3, 3]}}
 
 
 def make(seed):
     torch.manual_seed(seed)
-    return HybridModel(systems.load(SYSTEM), **MODEL).build_one(torch.arange(3) * 0.1, likelihood=True)
+    return HybridModel(ReactionDiffusion(), **MODEL).build_one(torch.arange(3) * 0.1, likelihood=True)
 
 
 def observed(samples=4):
@@ -63,4 +62,4 @@ def test_posterior_is_positive_and_does_not_move_with_the_fields():
 
 def test_a_grid_that_cannot_be_halved_is_named():
     with pytest.raises(InputError, match=r"filter_channels.*halved"):
-        ConvTwoStep(systems.load(SYSTEM), torch.arange(3) * 0.1, filter_channels=[2] * 7)
+        ConvTwoStep(ReactionDiffusion(), torch.arange(3) * 0.1, filter_channels=[2] * 7)

@@ -6,9 +6,9 @@ import pytest
 import torch
 
 import expertaug as ea
-from expertaug import systems
 from expertaug.models import store
-from expertaug.systems.reaction_diffusion import SIZE
+from expertaug.systems.pendulum import DampedPendulum
+from expertaug.systems.reaction_diffusion import SIZE, ReactionDiffusion
 from expertaug.systems.solvers.linear_propagator import DiagonalFlow
 from expertaug.systems.solvers.solver import Solver
 from nightly import others_slow
@@ -67,7 +67,7 @@ def test_rounded_times_are_equal_steps():
 
 
 def test_as_accurate_as_runge_kutta_on_the_pendulum_with_two_steps_for_one():
-    system = systems.load({"name": "pendulum"})
+    system = DampedPendulum()
     z_e, y0 = torch.linspace(0.5, 3.5, 31).double().unsqueeze(-1), torch.tensor([[1.5, 0.0]]).double().expand(31, 2)
     t = torch.linspace(0, 20, 201).double()
 
@@ -80,7 +80,7 @@ def test_as_accurate_as_runge_kutta_on_the_pendulum_with_two_steps_for_one():
 
 
 def reaction_diffusion(solver, flow=None):
-    system = systems.load({"name": "reaction_diffusion", "reaction": "without_k"})
+    system = ReactionDiffusion(reaction="without_k")
     y0 = torch.rand(3, 2, SIZE, SIZE, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     z_e, t = torch.tensor([[0.002, 0.007]]).double().expand(3, 2), torch.arange(21).double() / 10
     part = system.nonlinear if solver.splits else system.expert
@@ -95,7 +95,7 @@ def test_diffusion_is_exact():
 
 
 def test_a_flow_without_a_basis_gives_the_same():
-    system = systems.load({"name": "reaction_diffusion", "reaction": "without_k"})
+    system = ReactionDiffusion(reaction="without_k")
     z_e = torch.tensor([[0.002, 0.007]]).double().expand(3, 2)
     found = reaction_diffusion(Solver("ab5"), lambda h: lambda y: system.linear_flow(z_e, h)(y))
     torch.testing.assert_close(found, reaction_diffusion(Solver("ab5")), rtol=0, atol=1e-10)
