@@ -31,6 +31,7 @@ from expertaug.models.terms import Term
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows
+from expertaug.wording import check_keys
 
 KEPT = ("experiment", "preset", "choices", "t", "observed", "observed_s", "bound", "start", "data_noise", "system")
 FEWEST = 3  # points after the observed window
@@ -103,8 +104,7 @@ class Search:
         if settings.of_sensors:
             raise InputError("sensors", "are estimated by the model", "leave them out, and seek terms with kinematics")
         names = [p.name for p in self.system.expert_parameters]
-        if unknown := sorted(set(units or {}) - set(names)):
-            raise InputError(f"units.{unknown[0]}", "is no expert parameter", f"known: {', '.join(names)}")
+        check_keys(units or {}, names, "units", "expert parameter")
         chosen = {**(settings.units or {}), **(units or {})}
         self.units = RefinementSettings.from_mapping({"units": chosen}).shared
         self.own = len(self.units) < len(names) or not names  # of one apparatus every coefficient is one number

@@ -31,7 +31,7 @@ from expertaug.inference.joint_fit import (
     normal_equations,
     of_groups,
 )
-from expertaug.inference.least_squares import estimator_of, pull_of
+from expertaug.inference.least_squares import check_names, estimator_of, pull_of
 from expertaug.inference.population import distribution, overdispersion
 from expertaug.inference.sensed_fit import SensedFit, SensorCoordinates, constants_from
 from expertaug.learning.settings import UntrainedJob
@@ -40,7 +40,6 @@ from expertaug.learning.training_data import set_files
 from expertaug.models import store
 from expertaug.models.card import RecipeRecord
 from expertaug.models.observation_noise import ESTIMATED
-from expertaug.models.sensors import check_components
 from expertaug.models.settings import Constant, Population, Refinement, RefinementSettings, SensorConstants
 from expertaug.models.stacking import select
 from expertaug.models.store import StoredModel
@@ -121,7 +120,7 @@ def fit_shared(
     system, settings = stored.model.system, refinement.settings
     names = [p.name for p in system.expert_parameters]
     shared, tied, sought = settings.shared, settings.tied, settings.of_sensors
-    _check_names(system, settings)
+    check_names(system, settings)
     if not settings.shares:
         return refinement
     if refinement.prior is None:
@@ -186,20 +185,6 @@ def _problem(stored: StoredModel, refinement: Refinement, points: int, sensors: 
     options = {"population": pull, "overdispersion": refinement.overdispersion}
     fit = estimator_of(of_part, refinement.settings.alone, refinement.noise, ranges, **options).fit
     return SensedFit(fit, sensors)
-
-
-def _check_names(system: System, settings: RefinementSettings) -> None:
-    """Refuse what is no parameter or component of a system, and distributions that cannot be."""
-    parameters = {p.name: p for p in system.expert_parameters}
-    for block in ("units", "population"):
-        if wrong := sorted({*(getattr(settings, block) or {})} - set(parameters)):
-            raise InputError(f"{block}.{wrong[0]}", "is no expert parameter", f"known: {', '.join(parameters)}")
-    check_components(system, settings.sensors or {})
-    for name, form in (settings.population or {}).items():
-        if name in settings.shared:
-            raise InputError(f"population.{name}", "is shared by all windows", "leave it out here, or in units")
-        if form == "lognormal" and not parameters[name].positive:
-            raise InputError(f"population.{name}", "a parameter that may be negative", "give normal")
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.models.card import ModelCard
 from expertaug.systems import System
+from expertaug.wording import check_keys
 
 ESTIMATED = "estimated"
 NoiseLike = float | Sequence[float]  # of all components, or of each
@@ -36,9 +37,7 @@ def noise_of(noise: GivenNoise, system: System, card: ModelCard) -> NoiseLike:
             raise InputError("noise", "estimated, but the training set does not say it", "give a number")
         return [float(value) for value in estimated]
     assert isinstance(noise, Mapping)
-    for name in noise:
-        if name not in names:
-            raise InputError(f"noise.{name}", "is no component of the state", f"known: {', '.join(names)}")
+    check_keys(noise, names, "noise", "component of the state")
     return [float(noise.get(name, 0.0)) for name in names]
 
 
