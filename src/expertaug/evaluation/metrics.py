@@ -486,4 +486,4 @@ register(
     )
 )
 # Of a training, not of a set's forecasts.
-WALL = register(Metric("wall_s", "training time", "s", digits=0, not_negative=True, of_job=True))
+register(Metric("wall_s", "training time", "s", digits=0, not_negative=True, of_job=True))

@@ -554,8 +554,8 @@ def make_objective(kind: type[Objective], seeds: Sequence[int], options: TrainOp
         InputError: the prior that it needs is missing, or an option is unknown.
     """
     arguments, named = dict(options.training.objective or {}), inspect.signature(kind).parameters
-    if (known := registry.arguments(kind)) is not None:
-        own = [name for name in known if name not in OBJECTIVE.given]
+    if (taken := registry.arguments(kind)) is not None:
+        own = [name for name in taken if name not in OBJECTIVE.given]
         check_keys(arguments, own, "training.objective", f"option of {kind.__name__}")
     prior = {"prior": options.prior} if "prior" in named else {}
     if prior and not isinstance(options.prior, Mapping):

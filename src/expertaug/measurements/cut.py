@@ -347,8 +347,7 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
             identity[k] = f"{trajectory.name}/{line}"
     for name in settings.angles:
         column = y[..., state.index(name)]
-        known = np.isfinite(column)
-        begins = np.take_along_axis(column, known.argmax(1)[:, None], 1)
+        begins = np.take_along_axis(column, np.isfinite(column).argmax(1)[:, None], 1)
         column -= 2 * np.pi * np.nan_to_num(np.round(begins / (2 * np.pi)))
     for k, parameter in enumerate(data.names.parameters):
         start = label_of(settings.z_e[parameter]).start if parameter in settings.z_e else None
@@ -359,14 +358,14 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
         if name in data.names.constant and changed.any():
             problem = f"{name} changes along {identity[int(changed.argmax())]}"
             raise InputError(f"{WHERE}.inputs.{name}", problem, "a covariate is constant; declare an input")
-    known = {"id": np.array(identity)}
+    fields = {"id": np.array(identity)}
     if data.noise is not None:
-        known["noise"] = np.nan_to_num(data.noise)
+        fields["noise"] = np.nan_to_num(data.noise)
     # Windows without a gap are what a model of them may rely on, as one of simulated sets or recordings does.
     if settings.min_seen < 1 or not data.seen.all():
-        known["mask"] = np.isfinite(y)
+        fields["mask"] = np.isfinite(y)
     return Trajectories(
-        data.grid.times(settings.length), np.nan_to_num(y), z_e, u=u if data.names.inputs else None, **known
+        data.grid.times(settings.length), np.nan_to_num(y), z_e, u=u if data.names.inputs else None, **fields
     )
 
 

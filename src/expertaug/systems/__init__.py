@@ -52,7 +52,7 @@ def load(settings: SystemSettings | Mapping[str, Any]) -> System:
     accepted = registry.arguments(cls)
     for key in arguments:
         if accepted is not None and key not in accepted:
-            raise InputError(f"system.{key}", f"unknown to {name}", f"known: {', '.join(accepted) or 'none'}")
+            raise InputError(f"system.{key}", f"unknown to {name}", suggest(key, accepted))
     if inspect.isabstract(cls):
         missing = ", ".join(sorted(cls.__abstractmethods__))
         raise InputError("system.name", f"the class {cls.__name__} does not define {missing}", "a System needs it")
