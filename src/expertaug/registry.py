@@ -110,7 +110,7 @@ def arguments(cls: type) -> list[str] | None:
     return names
 
 
-def imported(module: str, where: str) -> ModuleType:
+def import_named(module: str, where: str) -> ModuleType:
     """A module by its name.
 
     Raises:
@@ -135,6 +135,6 @@ def _named(name: str, where: str) -> Any:
     """What ``package.module:Name`` is."""
     module, _, attribute = name.partition(":")
     try:
-        return getattr(imported(module, where), attribute)
+        return getattr(import_named(module, where), attribute)
     except AttributeError as error:
         raise InputError(where, f"no class '{attribute}' in {module}", "correct the name") from error

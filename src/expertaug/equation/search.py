@@ -13,7 +13,7 @@ from torch import Tensor
 from expertaug.equation.library import finite, library, rates_of
 from expertaug.equation.network import Learned, learned
 from expertaug.equation.result import Coefficient, Found, Row
-from expertaug.equation.selection import ROUNDS, Choice, Tried, backward, choose, exchanged, forward
+from expertaug.equation.selection import ROUNDS, Choice, Tried, backward, choose, exchange_terms, forward
 from expertaug.equation.shooting import Fit, Formula, Guess, Sample, Shooting
 from expertaug.errors import InputError
 from expertaug.inference.window_problem import assumed_noise
@@ -191,7 +191,7 @@ class Search:
         for _ in range(ROUNDS):
             choice = choose(list(done.values()), validation.groups, tolerance)
             count = len(done)
-            exchanged(self.shooting, choice.chosen, terms, train, attempt)
+            exchange_terms(self.shooting, choice.chosen, terms, train, attempt)
             if len(done) == count:
                 break
         choice, tried = choose(list(done.values()), validation.groups, tolerance), list(done.values())

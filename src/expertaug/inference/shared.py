@@ -26,7 +26,7 @@ from expertaug.inference.joint_fit import (
     NormalEquations,
     Tied,
     clustered_variances,
-    eliminated,
+    eliminate,
     minimise_together,
     normal_equations,
     of_groups,
@@ -149,7 +149,7 @@ def fit_shared(
     dispersion = _Dispersion.of(sensed, windows, x)
     if wanted := [name for name in settings.population or {} if name not in (refinement.population or {})]:
         of_population = _PopulationFit(stored, sensors, windows, places, together, groups_of(train))
-        refinement = of_population.told(refinement, wanted, x, dispersion)
+        refinement = of_population.with_distributions(refinement, wanted, x, dispersion)
         if together is None or not set(wanted) <= set(tied):  # a trajectory's windows are not pulled one by one
             refinement, x, equations, ended = of_population.pulled(refinement, wanted, x, dispersion)
     if not ended:
@@ -228,7 +228,9 @@ class _PopulationFit:
     tied: Tied | None
     groups: np.ndarray
 
-    def told(self, refinement: Refinement, wanted: Sequence[str], x: Tensor, dispersion: _Dispersion) -> Refinement:
+    def with_distributions(
+        self, refinement: Refinement, wanted: Sequence[str], x: Tensor, dispersion: _Dispersion
+    ) -> Refinement:
         """The refinement with the distributions of the wanted parameters, as windows at coordinates (1, N, K) tell
         them."""
         bare = _problem(
@@ -250,7 +252,7 @@ class _PopulationFit:
             dispersion: of the windows' fits there.
         """
         for k in range(POPULATION_ROUNDS):
-            refinement = refinement if k == 0 else self.told(refinement, wanted, x, dispersion)
+            refinement = refinement if k == 0 else self.with_distributions(refinement, wanted, x, dispersion)
             pulled = _problem(self.stored, refinement, len(self.windows), self.sensors)
             if k == 0:  # from where the distributions say, too: a window that tells little may lie anywhere
                 other = pulled.start(self.windows)
@@ -282,7 +284,7 @@ class _PopulationFit:
             places = [names.index(name) for name in chosen]
             kept = [k for k in range(x.shape[-1]) if k not in held or k in places]
             part = equations.of(kept)
-            curvature, slope, *_ = eliminated(part, [kept.index(k) for k in places], 0.0)
+            curvature, slope, *_ = eliminate(part, [kept.index(k) for k in places], 0.0)
             at, units, clusters = x[0][:, places], NormalEquations(part.cost, curvature, slope), self.groups
             if unit == "trajectory" and self.tied is not None:
                 units, at = self.tied.summed(units), at[self.tied.first]
@@ -388,7 +390,7 @@ def _check_told(equations: NormalEquations, places: Sequence[int], names: Sequen
     Raises:
         InputError: their names.
     """
-    total = eliminated(equations, places, 0.0)[0].sum(0)
+    total = eliminate(equations, places, 0.0)[0].sum(0)
     own = total.diagonal().clamp_min(1e-300).sqrt()
     curvature, axes = torch.linalg.eigh(total / torch.outer(own, own))
     of_sensors = [k for k, name in enumerate(names) if name.startswith("sensors.")]

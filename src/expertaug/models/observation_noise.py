@@ -46,7 +46,7 @@ def is_some(noise: NoiseLike) -> bool:
     return noise > 0 if isinstance(noise, int | float) else any(value > 0 for value in noise)
 
 
-def shaped(noise: NoiseLike, y: Tensor, system: System) -> Tensor | float:
+def shape_as_state(noise: NoiseLike, y: Tensor, system: System) -> Tensor | float:
     """Noise as a factor of states y (…, *state)."""
     if isinstance(noise, int | float):
         return noise

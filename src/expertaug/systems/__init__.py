@@ -75,7 +75,7 @@ def _class(name: str) -> type[System]:
     elif not wanted and "." not in path:
         remedy = f"{suggest(name, SYSTEMS)}; or a dotted path, or module:Class"
         raise InputError("system.name", f"no system {name!r}", remedy)
-    module = registry.imported(path, "system.name")
+    module = registry.import_named(path, "system.name")
     classes = {
         c.__name__: c
         for _, c in inspect.getmembers(module, inspect.isclass)
