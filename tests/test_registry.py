@@ -93,6 +93,7 @@ def test_every_kind_of_the_package_can_be_asked():
     ("part", "kind", "expected"),
     [
         ("encoder", "cnn", r"here: 'cnn' is no encoder; known: window, recurrent"),
+        ("encoder", "recurent", r"here: 'recurent' is no encoder; did you mean 'recurrent'\? known: window"),
         ("encoder", ["a:b"], r"here: \['a:b'\] is no encoder"),
         ("encoder", "no.such:X", r"here: no module 'no\.such'"),
         ("encoder", "torch.nothing:X", r"here: no module 'torch\.nothing'"),

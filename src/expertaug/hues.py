@@ -34,7 +34,7 @@ OWN = {
 }
 
 
-def assigned(figures: Iterable[Sequence[str]], hues: Mapping[str, int] | None = None) -> dict[str, int]:
+def assign_hues(figures: Iterable[Sequence[str]], hues: Mapping[str, int] | None = None) -> dict[str, int]:
     """An index of :data:`HUES` for each method, which differ within a figure as long as there are as many hues.
 
     Arguments:

@@ -21,7 +21,7 @@ from matplotlib.typing import ColorType, LineStyleType, MarkerType
 
 from expertaug.errors import InputError
 from expertaug.files import atomic
-from expertaug.hues import EQUATION, FLOOR, HUES, assigned
+from expertaug.hues import EQUATION, FLOOR, HUES, assign_hues
 from expertaug.versions import Version, base
 
 WIDTH = 7.0  # inches: the text width of a page
@@ -78,7 +78,7 @@ def colours(variants: Sequence[str], hues: Mapping[str, int] | None = None) -> d
             colour in all its figures. Methods without one get what is free.
     """
     drawn = list(dict.fromkeys(map(base, variants)))
-    hues, colour_of = assigned([drawn], hues), {}
+    hues, colour_of = assign_hues([drawn], hues), {}
     for variant in variants:
         if hues[base(variant)] == FLOOR:
             colour_of[variant] = to_rgb(EQUATION)
@@ -145,7 +145,7 @@ def text(words: str) -> str:
     return re.sub(r"(?<!\$)\b([zF])_([ae])\b", r"$\1_\2$", words)
 
 
-def wrapped(words: str, width: float, size: float = RC["axes.titlesize"]) -> str:
+def wrap_words(words: str, width: float, size: float = RC["axes.titlesize"]) -> str:
     """Words in lines of at most so many inches, about, at a font size in points; longer words stay whole."""
     return textwrap.fill(words, max(1, int(width / (0.55 * size / 72))), break_long_words=False, break_on_hyphens=False)
 
@@ -208,7 +208,7 @@ def note(words: str) -> Figure:
     with styled():
         figure = new_figure(0.8, 5.2)
         figure.set_label(NOTE)
-        figure.text(0.5, 0.5, wrapped(words, 5.0, RC["font.size"]), ha="center", va="center", color="0.35")
+        figure.text(0.5, 0.5, wrap_words(words, 5.0, RC["font.size"]), ha="center", va="center", color="0.35")
     return figure
 
 

@@ -258,7 +258,7 @@ def resolve(preset: str, choices: Mapping[str, object] | None = None) -> Choices
         InputError: the preset, a row or a row's value is unknown.
     """
     if preset not in NAMES:
-        raise InputError("preset", repr(preset), f"one of {', '.join(NAMES)}")
+        raise InputError("preset", f"'{preset}' is no preset", suggest(preset, NAMES))
     error = wrong_choice(choices or {})
     if error is not None:
         raise InputError(f"choices.{error[0]}", *error[1:])

@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from expertaug.errors import InputError
+from expertaug.wording import suggest
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def full_name(part: Part, kind: str, where: str) -> str:
     if isinstance(kind, str) and ":" in (kind := short_name(part, kind)):
         return kind
     if not isinstance(kind, str) or kind not in kinds:
-        raise InputError(where, f"{kind!r} is no {part.name}", f"known: {', '.join(kinds)}, or package.module:Class")
+        raise InputError(where, f"{kind!r} is no {part.name}", f"{suggest(kind, kinds)}, or package.module:Class")
     return kinds[kind]
 
 
@@ -109,7 +110,7 @@ def arguments(cls: type) -> list[str] | None:
     return names
 
 
-def imported(module: str, where: str) -> ModuleType:
+def import_named(module: str, where: str) -> ModuleType:
     """A module by its name.
 
     Raises:
@@ -134,6 +135,6 @@ def _named(name: str, where: str) -> Any:
     """What ``package.module:Name`` is."""
     module, _, attribute = name.partition(":")
     try:
-        return getattr(imported(module, where), attribute)
+        return getattr(import_named(module, where), attribute)
     except AttributeError as error:
         raise InputError(where, f"no class '{attribute}' in {module}", "correct the name") from error

@@ -108,7 +108,7 @@ def find(where: str, name: str) -> Path:
     return Path(spec.origin)
 
 
-def parsed(path: Path) -> ast.Module:
+def parse_file(path: Path) -> ast.Module:
     """The syntax tree of a Python file.
 
     Raises:
@@ -174,7 +174,7 @@ def _imported(path: Path, module: str) -> tuple[str, ...]:
     """Modules that a file, which is ``module``, names in import statements."""
     names = []
     package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
-    for node in _statements(parsed(path).body):
+    for node in _statements(parse_file(path).body):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):

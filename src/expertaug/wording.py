@@ -99,6 +99,25 @@ def unknown_one(name: str, candidates: Iterable[str], where: str, what: str) -> 
         yield InputError(where, f"'{name}' is no {what}", suggest(name, candidates))
 
 
+def unknown_keys(used: Iterable[str], candidates: Iterable[str] | None, where: str, what: str) -> Iterator[InputError]:
+    """Keys that are none of the known names; nothing where those are not known."""
+    if candidates is None:
+        return
+    candidates = list(candidates)
+    for name in used:
+        yield from unknown_one(name, candidates, f"{where}.{name}", what)
+
+
+def check_keys(used: Iterable[str], candidates: Iterable[str], where: str, what: str) -> None:
+    """Refuse keys that are none of the known names.
+
+    Raises:
+        InputError: the first of them, what it may mean, and those that there are.
+    """
+    for error in unknown_keys(used, candidates, where, what):
+        raise error
+
+
 def other_parameters(used: Iterable[str], expected: Iterable[str], of: str) -> tuple[str, str] | None:
     """What was found and what would be right where ranges are not of the same parameters as those of something else."""
     used, expected = list(used), list(expected)

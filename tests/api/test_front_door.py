@@ -155,7 +155,7 @@ class TestRefusals:
             ({"seeds": [-1]}, "seeds: found"),
             ({"seeds": [0.5]}, r"seeds: found \[0.5\]; give whole numbers"),
             ({"seeds": [True]}, r"seeds: found \[True\]"),
-            ({"start": {"thta": (0, 1)}}, "start.thta: is no component of the state; did you mean 'theta'?"),
+            ({"start": {"thta": (0, 1)}}, "start.thta: 'thta' is no component of the state; did you mean 'theta'?"),
             ({"device": "gpu"}, "device: found 'gpu'; did you mean 'cuda'?"),
             ({"solver": "rk4"}, r"solver: found 'rk4'; give one, as expertaug.Solver\(.rk4.\)"),
             ({"forecast_solver": "rk4"}, "forecast_solver: found 'rk4'"),

@@ -491,7 +491,10 @@ def test_blocks_and_variants(base):
         ({"refined": ["aphynity+~refined"]}, "refined[0]: found 'aphynity+~refined'; name the version that is to be"),
         ({"refined": ["aphynitty+"]}, "refined[0]: 'aphynitty' is no method; did you mean 'aphynity'?"),
         ({"refined": ["least_squares"]}, "refined[0]: 'least_squares' is of kind least_squares"),
-        ({"refinement": {"windows": {"speed": [0, 1]}}}, "refinement.windows[0]: 'speed' is no component of the state"),
+        (
+            {"refinement": {"windows": {"speed": [0, 1]}}},
+            "refinement.windows.speed: 'speed' is no component of",
+        ),
         ({"refinement": {"starts": 0}}, "refinement.starts: found 0; truth has no other starts"),
         (
             {"overrides": {"alternating": {"refinement": {"starts": 0}}}},

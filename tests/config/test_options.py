@@ -60,6 +60,16 @@ def refused(base: dict, text: str) -> list[str]:
         ("training: {objective: {lambda0: [1, -2]}}", "training.objective.lambda0[1]: found -2; give 0 or more"),
         ("system: {name: os.path}", "system.name: os.path defines no System"),
         ("system: {name: 3}", "system.name: found 3"),
+        ("system: {name: [pendulum]}", 'system.name: found ["pendulum"]; give name'),
+        ("system: {name: null}", "system.name: missing; give name"),
+        (
+            "data: {start: {omga: [0, 1]}}",
+            "data.start.omga: 'omga' is no component of the state",
+        ),
+        (
+            "overrides: {aphynity: {refinement: {windows: {omga: [0, 1]}}}}",
+            "overrides.aphynity.refinement.windows.omga: 'omga' is no component of the state",
+        ),
         ("system: {name: pendulum, mass: 3}", "system.mass: unknown key"),
     ],
 )

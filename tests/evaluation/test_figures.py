@@ -28,7 +28,7 @@ from expertaug.evaluation import dots, parameters, traces
 from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.settings import FigureReading, ParameterReading, PlotJob, Titles
 from expertaug.evaluation.traces import View
-from expertaug.hues import HUES, assigned
+from expertaug.hues import HUES, assign_hues
 from expertaug.tracking.log import read_log
 
 
@@ -138,11 +138,11 @@ def test_a_method_has_one_colour_in_figures_of_different_methods():
 def test_methods_drawn_together_have_hues_of_their_own_as_long_as_there_are_as_many():
     count = len(HUES)
     methods = [f"m{k}" for k in range(2 * count)]
-    found = assigned([*([name] for name in methods), methods[count - 1 : 2 * count - 1], [methods[0], methods[-1]]])
+    found = assign_hues([*([name] for name in methods), methods[count - 1 : 2 * count - 1], [methods[0], methods[-1]]])
     assert [found[name] for name in methods[:count]] == list(range(count))
     assert len({found[name] for name in methods[count - 1 : 2 * count - 1]}) == count
     assert found[methods[0]] != found[methods[-1]]
-    assert set(assigned([methods]).values()) == set(range(count)), "more than there are hues: each is taken"
+    assert set(assign_hues([methods]).values()) == set(range(count)), "more than there are hues: each is taken"
     assert plotting.colours(["a", "b"], {"a": 3})["a"] == plotting.colours(["a"], {"a": 3})["a"]
     assert len(set(plotting.colours(["a", "b", "c"], {"a": 1}).values())) == 3
 
@@ -400,6 +400,6 @@ def test_a_figure_has_no_date_and_the_resolution_asked_for(tmp_path):
 
 
 def test_words_keep_to_the_width_that_they_have():
-    lines = plotting.wrapped("APHYNITY (diffusion alone), the other way round", 1.1).splitlines()
+    lines = plotting.wrap_words("APHYNITY (diffusion alone), the other way round", 1.1).splitlines()
     assert len(lines) > 2 and max(map(len, lines)) <= 17
-    assert plotting.wrapped("APHYNITY", 0.3) == "APHYNITY", "a word stays whole"
+    assert plotting.wrap_words("APHYNITY", 0.3) == "APHYNITY", "a word stays whole"

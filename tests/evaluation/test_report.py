@@ -249,7 +249,7 @@ def test_the_validation_set_alone_chooses_what_is_shown_first():
     long = long_table(**scores, **{"a+~refined": -5.0})
     told = {"floors": ["truth"], "known_form": ["known"], "least_squares": ["least_squares"]}
     settings = ReportExperiment(name="swing", labels=[], **told)
-    rows = dict(headline.chosen(long, settings))
+    rows = dict(headline.choose_rows(long, settings))
     assert rows == {
         "a+~refined": "best by validation",
         "a+": "best + by validation",
@@ -259,10 +259,10 @@ def test_the_validation_set_alone_chooses_what_is_shown_first():
         "truth": "floor",
     }
     other = [one if one.set == "validation" else replace(one, mean=0.0) for one in long]
-    assert dict(headline.chosen(other, settings)) == rows
+    assert dict(headline.choose_rows(other, settings)) == rows
     refined = ("a+~refined", "validation")
     failed = [replace(one, n=1) if (one.method, one.set) == refined else one for one in long]
-    assert headline.chosen(failed, settings)[0] == ("a+", "best by validation, best + by validation")
+    assert headline.choose_rows(failed, settings)[0] == ("a+", "best by validation, best + by validation")
 
 
 def test_a_gain_carries_a_star_where_it_is_told_apart():

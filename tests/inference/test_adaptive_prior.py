@@ -122,3 +122,5 @@ def test_mistakes_are_one_line(train):
         adapt_prior(stored, y, y, NOISE)
     with pytest.raises(InputError, match="the training's are"):
         adapt_prior(stored, y, y.until(OBSERVED - 1), NOISE, SEEN)
+    with pytest.raises(InputError, match=r"units\.omga: 'omga' is no expert parameter"):
+        adapt_prior(stored, y, y, NOISE, SEEN, RefinementSettings(units={"omga": "window"}))

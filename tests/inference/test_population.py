@@ -184,7 +184,7 @@ def test_an_apparatus_is_a_draw_of_the_training_distribution(pulled):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"population": {"omega": "normal"}}, r"population\.omega: is no expert parameter"),
+        ({"population": {"omega": "normal"}}, r"population\.omega: 'omega' is no expert parameter"),
         ({"population": {"alpha": "uniform"}}, r"population\.alpha"),
         ({"population": {"alpha": "normal"}, "units": {"alpha": "shared"}}, r"population\.alpha: is shared by all"),
     ],

@@ -176,7 +176,7 @@ def test_constants_that_windows_hardly_tell_are_warned_of(caplog):
 @pytest.mark.parametrize(
     ("sensors", "says"),
     [
-        ({"speed": {"scale": "shared"}}, r"sensors\.speed: is no component of the state; known: theta, omega"),
+        ({"speed": {"scale": "shared"}}, r"sensors\.speed: 'speed' is no component of the state; known: theta, omega"),
         ({"omega": {}}, r"sensors\.omega.*names nothing; give scale: shared, offset: shared, or both"),
         ({"omega": {"scale": "window"}}, r"sensors\.omega\.scale"),
         ({"omega": {"gain": "shared"}}, r"sensors\.omega\.gain"),

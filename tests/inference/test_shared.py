@@ -115,7 +115,7 @@ def test_noise_free_first_points_leave_nothing_to_fit():
 
 @pytest.mark.parametrize(
     ("units", "says"),
-    [({"omega": "shared"}, r"units\.omega: is no expert parameter"), ({"omega0": "everyone"}, "units.omega0")],
+    [({"omega": "shared"}, r"units\.omega: 'omega' is no expert parameter"), ({"omega0": "everyone"}, "units.omega0")],
 )
 def test_units_that_cannot_be(units, says):
     with pytest.raises(InputError, match=says):

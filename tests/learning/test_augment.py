@@ -1,6 +1,7 @@
 """Algorithm 1: D⁺, the frozen interaction model, supervision; and the rows of the preset table."""
 
 import json
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -123,6 +124,20 @@ def test_supervision_of_z_a_holds_the_encoder_to_it(trained, data, tmp_path, set
     augmentation.write_tensors(tmp_path / "plus.st", kept, tensors[0])
     with pytest.raises(InputError, match="do not say with which z_a they were made; draw them again"):
         finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", tuned, None)
+
+
+@pytest.mark.parametrize(
+    ("over", "says"),
+    [
+        ({"prior": {"omga0": [0.5, 3.5]}}, "prior.omga0: 'omga0' is no expert parameter; did you mean 'omega0'?"),
+        ({"training": {"objective": {"lambd0": 1.0}}}, "training.objective.lambd0: 'lambd0' is no option of Aphynity"),
+    ],
+)
+def test_a_fine_tuning_refuses_names_that_it_does_not_know(trained, data, tmp_path, settings, over, says):
+    augmented(trained, data, tmp_path, settings)
+    with pytest.raises(InputError, match=re.escape(says)):
+        finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings | over, None)
+    assert not (tmp_path / "p.st").exists()
 
 
 def test_the_interaction_sees_z_a_softly_bounded(trained, data, tmp_path, settings):

@@ -1,6 +1,7 @@
 """Blocks of seeds, resuming, selection: the promises that the trainer makes."""
 
 import json
+import re
 
 import pytest
 import torch
@@ -192,6 +193,20 @@ def test_the_expert_is_alone_first(data, tmp_path, settings, monkeypatch):
     first, rest = sizes[:6], sizes[6:]
     assert set(first) == {0.0} and len(rest) == 6
     assert 0 < rest[0] <= 0.01 / 6**0.5 and rest[-1] != rest[0]
+
+
+@pytest.mark.parametrize(
+    ("over", "says"),
+    [
+        ({"start": {"omga": [0.0, 1.0]}}, "start.omga: 'omga' is no component of the state; did you mean 'omega'?"),
+        ({"prior": {"omga0": [0.5, 3.5]}}, "prior.omga0: 'omga0' is no expert parameter; did you mean 'omega0'?"),
+        ({"build": {"kind": "hybrid", "system": {"frictn": 1.0}}}, "build.system.frictn: unknown key; did you mean"),
+    ],
+)
+def test_a_name_that_the_system_has_not_is_refused_before_a_training(data, tmp_path, settings, over, says):
+    with pytest.raises(InputError, match=re.escape(says)):
+        run(data, tmp_path, settings | over)
+    assert not (tmp_path / "model.safetensors").exists()
 
 
 def test_unknown_training_key_is_named():

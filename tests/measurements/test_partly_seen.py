@@ -103,7 +103,7 @@ def test_parameters_are_scored_where_they_are_known():
 def test_noise_of_each_component():
     assert noise_of({"theta": 0.1}, SYSTEM, card({}, t=[0.0], observed=1)) == [0.1, 0.0]
     assert noise_of("estimated", SYSTEM, card({"data_noise": [0.1, 0.2]}, t=[0.0], observed=1)) == [0.1, 0.2]
-    with pytest.raises(ea.InputError, match=r"noise.phi: is no component of the state; known: theta, omega"):
+    with pytest.raises(ea.InputError, match=r"noise.phi: 'phi' is no component of the state; known: theta, omega"):
         noise_of({"phi": 0.1}, SYSTEM, card({}, t=[0.0], observed=1))
     double = ea.DoublePendulum(expert="point_mass")
     assert torch.allclose(

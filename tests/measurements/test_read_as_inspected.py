@@ -12,7 +12,7 @@ import expertaug as ea
 from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.measurements.sensors import jumps_by_turns, marks_of_nothing
-from expertaug.measurements.units import parse, told
+from expertaug.measurements.units import parse, parse_header
 
 T = np.arange(400) * 0.05
 DEG = 180 / math.pi
@@ -71,12 +71,12 @@ def test_small_parts_of_a_radian_are_units():
     [("deg_theta", "theta"), ("deg_s_omega", "omega"), ("rpm_motor", "motor"), ("OMEGA_DEG_PER_S", "OMEGA")],
 )
 def test_a_unit_may_stand_in_front_and_in_capitals(header, name):
-    found = told(header)
+    found = parse_header(header)
     assert found.name == name and parse(found.unit) is not None
 
 
 def test_words_in_front_are_no_units():
-    assert told("min_theta").unit == told("in_x").unit == told("h_theta").unit == ""
+    assert parse_header("min_theta").unit == parse_header("in_x").unit == parse_header("h_theta").unit == ""
 
 
 @pytest.mark.parametrize(

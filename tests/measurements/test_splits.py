@@ -9,7 +9,7 @@ from swings import NAMES, STEP, settings, swing, table, trials
 from expertaug.errors import InputError
 from expertaug.measurements.cut import divide, measured, sets_of
 from expertaug.measurements.settings import Label, SplitSettings
-from expertaug.measurements.stage import chunks_table, cut_measurements, described
+from expertaug.measurements.stage import chunks_table, cut_measurements, describe_sets
 from expertaug.trajectories import Trajectories
 
 RULES = (
@@ -148,7 +148,7 @@ def test_the_stage_writes_sets_and_says_what_they_are(tmp_path):
 def test_what_the_stage_says_is_a_call_in_memory(tmp_path):
     data = measured(settings(trials(tmp_path), split=SplitSettings(by="time")), NAMES)
     divided = sets_of(data)
-    table, report = chunks_table(data, divided), described(data, divided)
+    table, report = chunks_table(data, divided), describe_sets(data, divided)
     assert table.groupby("split").size().to_dict() == report["chunks"]
     assert table["id"].tolist() == [identity for trajectories in divided.sets.values() for identity in trajectories.id]
     assert len(list(tmp_path.iterdir())) == 1

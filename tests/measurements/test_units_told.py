@@ -13,7 +13,7 @@ from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.measurements.cut import measured
 from expertaug.measurements.settings import Column
-from expertaug.measurements.units import conversion, parse, told
+from expertaug.measurements.units import conversion, parse, parse_header
 from nightly import others_slow
 
 DEG = math.pi / 180
@@ -57,7 +57,7 @@ SPEEDS = {
 
 @pytest.mark.parametrize(("header", "factor"), [*ANGLES.items(), *SPEEDS.items()])
 def test_a_header_tells_name_and_unit(header, factor):
-    found = told(header)
+    found = parse_header(header)
     assert found.name in ("theta", "omega")
     to = "rad" if found.name == "theta" else "rad/s"
     assert conversion(found.unit, to, "") == (pytest.approx(factor), 0.0)
@@ -89,7 +89,7 @@ def test_products_powers_and_prefixes(text, to, factor):
 
 @pytest.mark.parametrize("header", ["dtheta/dt", "theta_left", "omega raw", "spring_v", "x position", "max", "t"])
 def test_names_are_no_units(header):
-    assert told(header).unit == ""
+    assert parse_header(header).unit == ""
 
 
 @pytest.mark.parametrize("text", ["ticks", "deg//s", "deg^", "(deg", "m" * 50, "s^999", "/", "*", "__", "deg (", "°°"])
@@ -202,12 +202,12 @@ def test_a_reader_without_a_unit_does_not_take_another_for_its_own(tmp_path, hea
     ],
 )
 def test_spellings_of_loggers(header, factor):
-    unit = parse(told(header).unit)
+    unit = parse(parse_header(header).unit)
     assert unit is not None and unit.factor == pytest.approx(factor)
 
 
 @pytest.mark.parametrize("header", ["t (Ms)", "time [Ms]", "theta in grad", "omega in grad/s", "time in ticks"])
 def test_what_may_be_a_unit_and_is_none_is_not_passed_over(header):
     """10⁶ s are nobody's, and Grad is a degree to some and a gon to others: they are refused, not taken as SI."""
-    found = told(header)
+    found = parse_header(header)
     assert found.unit and found.sure and parse(found.unit) is None

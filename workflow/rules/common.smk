@@ -72,11 +72,11 @@ def software(stage):
     """A parameter: what computes a stage's numbers, that of the package and of the configuration's own classes, and of
     installed packages."""
 
-    def told(wildcards):
+    def digests(wildcards):
         of = stage_of(stage, wildcards)
         return of.software(modules_of(of, wildcards))
 
-    return told
+    return digests
 
 
 def stage_params(stage, *names):

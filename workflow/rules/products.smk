@@ -85,24 +85,24 @@ def shown_in_report():
             [*products_of_all(FILES), *chain(*(products_of(FILES, e) for e in RUN)), *SUMMARY, *pages]
         )
     }
-    found = {}
+    by_file = {}
     for path, caption, title in SHOWN:
         kind = next((kind for kind in ("experiment", "recording") if f"{{{kind}}}" in path), None)
         for name in {"experiment": RUN, "recording": recording_names() if RECORDED else [], None: [""]}[kind]:
             named = {kind: name} if kind else {}
             if (file := path.format(**named)) in places:
-                found[file] = {
+                by_file[file] = {
                     "path": os.path.relpath(file, CONFIG.results),
                     "caption": os.path.relpath(HERE / "report" / f"{caption}.rst"),
                     "wildcards": named,
                     "title": title.format(**named),
                 }
-    return [found[file] for file in sorted(found, key=places.get)]
+    return [by_file[file] for file in sorted(by_file, key=places.get)]
 
 
 def read_by_report(wildcards):
     """These tables and figures, and the tables' numbers."""
-    files = [results(one["path"]) for one in shown_in_report()]
+    files = [results(block["path"]) for block in shown_in_report()]
     numbers = [f"{file.removesuffix('.md')}.csv" for file in files if file.endswith(".md")]
     return [*files, *numbers, *(results(f"tables/{experiment}_long.csv") for experiment in RUN)]
 

@@ -4,7 +4,7 @@
 rule write_report:
     input:
         made=read_by_report,
-        captions=lambda w: sorted({one["caption"] for one in shown_in_report()}),
+        captions=lambda w: sorted({file["caption"] for file in shown_in_report()}),
         template=os.path.relpath(PACKAGE / "evaluation" / "report" / "page.html"),
     output:
         results("report.html"),

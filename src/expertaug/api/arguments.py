@@ -17,7 +17,7 @@ from expertaug.systems import System
 from expertaug.systems.inputs import check_given
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories, points_until
-from expertaug.wording import suggest
+from expertaug.wording import check_keys
 
 Array: TypeAlias = np.ndarray | Tensor
 Ranges: TypeAlias = Mapping[str, Sequence[float]]
@@ -202,10 +202,7 @@ def start(bounds: Ranges, system: System) -> dict[str, list[float]]:
     Raises:
         InputError: a name that is no component's, or no range.
     """
-    names = [p.name for p in system.state]
-    for name in bounds:
-        if name not in names:
-            raise InputError(f"start.{name}", "is no component of the state", suggest(name, names))
+    check_keys(bounds, [p.name for p in system.state], "start", "component of the state")
     return ranges(bounds, bounds, "start")
 
 

@@ -19,7 +19,7 @@ from expertaug.learning.settings import SolverOnly, TrainSettings
 from expertaug.models.estimators import EstimatorKind, Hybrid
 from expertaug.systems.settings import EVENTS
 from expertaug.versions import FLOW, Version, base
-from expertaug.wording import is_multiple, number_in, other_parameters, suggest, unknown, unknown_one
+from expertaug.wording import is_multiple, number_in, other_parameters, suggest, unknown, unknown_keys, unknown_one
 from expertaug_recordings.settings import RecordingKeys
 
 # Folders beside those of the experiments in the results folder.
@@ -264,9 +264,8 @@ def _fits(
         if methods[method].truth and experiment.data.source != "simulation":
             problem = f"'{method}' takes the equation that made the data"
             yield InputError(f"{where}.methods[{k}]", problem, "only simulated data have one: leave it out")
-    if system is not None and system.state is not None:
-        windows = experiment.refinement.windows or {}
-        yield from unknown(windows, system.state, f"{where}.refinement.windows", "component of the state")
+    state = None if system is None else system.state
+    yield from unknown_keys(experiment.data.start, state, f"{where}.data.start", "component of the state")
     yield from _shared(where, experiment, methods, system)
 
 
@@ -283,21 +282,20 @@ def _shared(
             seen = system if over.system is None else options.describe_system(merged.system, where)[0]
             blocks.append((f"{where}.overrides.{method}.refinement", over.refinement, seen))
     for at, block, seen in blocks:
-        for name in block.units or {}:
-            here = f"{at}.units.{name}"
-            if seen is not None and seen.expert is not None:
-                yield from unknown_one(name, seen.expert, here, "expert parameter")
-            if name in (*block.shared, *block.tied) and name in started:
-                yield InputError(here, "says how a window begins, and no two begin alike", "leave it out")
+        state, expert = (None, None) if seen is None else (seen.state, seen.expert)
+        for name in ("windows", "sensors"):
+            yield from unknown_keys(getattr(block, name) or {}, state, f"{at}.{name}", "component of the state")
+        for name in ("units", "population"):
+            yield from unknown_keys(getattr(block, name) or {}, expert, f"{at}.{name}", "expert parameter")
+        for name in (*block.shared, *block.tied):
+            if name in started:
+                problem = "says how a window begins, and no two begin alike"
+                yield InputError(f"{at}.units.{name}", problem, "leave it out")
         for name in block.population or {}:
-            here = f"{at}.population.{name}"
-            if seen is not None and seen.expert is not None:
-                yield from unknown_one(name, seen.expert, here, "expert parameter")
             if name in block.shared:
-                yield InputError(here, "is shared by all windows", "leave it out here, or in units")
-        for name in block.sensors or {}:
-            if seen is not None and seen.state is not None:
-                yield from unknown_one(name, seen.state, f"{at}.sensors.{name}", "component of the state")
+                yield InputError(
+                    f"{at}.population.{name}", "is shared by all windows", "leave it out here, or in units"
+                )
     for k, method in enumerate(experiment.methods):
         over = experiment.overrides.get(method)
         own = experiment if over is None else overridden(experiment, over)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, field_serializer
+from pydantic import AfterValidator, Field, field_serializer
 from pydantic_core import PydanticCustomError
 
 from expertaug.config.layers import overridden
@@ -322,6 +322,14 @@ class Studies(Settings):
         return [name for name in type(self).model_fields if getattr(self, name) is not None]
 
 
+def _named(system: dict[str, Any]) -> dict[str, Any]:
+    name = system.get("name")
+    if not isinstance(name, str):
+        problem = "missing" if name is None else f"found {show(name)}"
+        raise disagree(problem, "give name (a module of expertaug.systems, or a dotted path)", "name")
+    return system
+
+
 class OtherParts(Settings):
     """What one method has otherwise of the experiment's model."""
 
@@ -360,7 +368,7 @@ class Experiment(Settings):
     )
     presets: Presets = key(LEFT_OUT, "keys that this experiment overrides under a preset")
     overrides: dict[str, Override] = key(dict, "keys that differ for one method of this experiment")
-    system: dict[str, Any] = key(
+    system: Annotated[dict[str, Any], AfterValidator(_named)] = key(
         ..., "name (a module of expertaug.systems, or a dotted path) and the arguments of its class"
     )
     data: Data = key(..., "where the trajectories come from")

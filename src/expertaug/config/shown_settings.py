@@ -10,7 +10,7 @@ from typing import Any
 
 from expertaug.config.jobs import estimating, found_priors, label, place_on, seed_groups, starts, studied, variants
 from expertaug.config.models import Augmentation, Configuration, Experiment, OutOfExpertise
-from expertaug.hues import FLOOR, OWN, assigned
+from expertaug.hues import FLOOR, OWN, assign_hues
 from expertaug.systems.settings import SYSTEMS
 from expertaug.versions import Version, base
 
@@ -255,7 +255,7 @@ def hues(config: Configuration, versions: Iterable[str] | None = None) -> list[t
     by_experiment = [[base(name) for name in config.experiments[experiment].methods] for experiment in config.run]
     floors = {name: FLOOR for name in names if config.methods[name].truth}
     own = {name: hue for name, hue in OWN.items() if name in names and (hue != FLOOR or name in floors)}
-    hue_of = assigned([*by_experiment, *([name] for name in names)], own | floors)
+    hue_of = assign_hues([*by_experiment, *([name] for name in names)], own | floors)
     shown = names if versions is None else set(map(base, versions))
     return [(name, hue_of[name]) for name in names if name in shown]
 

@@ -36,7 +36,7 @@ def load_system(name: str, where: str) -> type:
     path, colon, chosen = name.partition(":")
     if not PATH.fullmatch(path) or (colon and not chosen.isidentifier()):
         raise InputError(where, f"found {show(name)}", "name it as package.module or package.module:Class")
-    module = registry.imported(path, where)
+    module = registry.import_named(path, where)
     # A module that has not loaded the base class, and torch with it, defines no System.
     base = getattr(sys.modules.get("expertaug.systems.base"), "System", ())
     classes = [c for c in vars(module).values() if isinstance(c, type) and issubclass(c, base)]

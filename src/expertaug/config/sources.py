@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from expertaug.config.layers import merge
@@ -14,7 +14,7 @@ from expertaug.errors import InputError
 from expertaug.measurements.paths import list_files, read_checksums
 from expertaug.measurements.settings import MeasurementSettings, column_of, label_of
 from expertaug.settings import check
-from expertaug.wording import is_multiple, suggest, unknown, unknown_one
+from expertaug.wording import is_multiple, unknown, unknown_keys, unknown_one
 from expertaug_recordings.corrections import read_corrections
 from expertaug_recordings.markers.appearance import Appearance
 from expertaug_recordings.names import by_name, is_series
@@ -203,12 +203,11 @@ def wrong_measurements(where: str, experiment: Experiment, system: KnownSystem |
         yield InputError(f"{where}.data.calibrate", "found true", remedy)
     state, parameters, inputs = (None, None, None) if system is None else (system.state, system.expert, system.known)
     noise = data.noise if isinstance(data.noise, dict) else {}
-    yield from _unknown_keys(settings.columns, state, f"{here}.columns", "component of the state")
-    yield from _unknown_keys(settings.z_e, parameters, f"{here}.z_e", "expert parameter")
-    yield from _unknown_keys(settings.inputs, inputs, f"{here}.inputs", "known input of the system")
-    yield from _unknown_keys(settings.angles, list(settings.columns), f"{here}.angles", "component with a column")
-    yield from _unknown_keys(data.start, state, f"{where}.data.start", "component of the state")
-    yield from _unknown_keys(noise, state, f"{where}.data.noise", "component of the state")
+    yield from unknown_keys(settings.columns, state, f"{here}.columns", "component of the state")
+    yield from unknown_keys(settings.z_e, parameters, f"{here}.z_e", "expert parameter")
+    yield from unknown_keys(settings.inputs, inputs, f"{here}.inputs", "known input of the system")
+    yield from unknown_keys(settings.angles, list(settings.columns), f"{here}.angles", "component with a column")
+    yield from unknown_keys(noise, state, f"{where}.data.noise", "component of the state")
     for name in state or ():
         if name not in settings.columns and name not in data.start:
             remedy = f"{where}.data.start.{name}: [least, greatest] says where the first point of a chunk is sought"
@@ -225,13 +224,6 @@ def wrong_measurements(where: str, experiment: Experiment, system: KnownSystem |
         _columns(files[0], settings, here)
     except InputError as error:
         yield error
-
-
-def _unknown_keys(used: Iterable[str], names: Sequence[str] | None, where: str, what: str) -> Iterator[InputError]:
-    """Keys that are none of the names, where those are known."""
-    for name in used:
-        if names is not None and name not in names:
-            yield InputError(f"{where}.{name}", f"'{name}' is no {what}", suggest(name, names))
 
 
 def _columns(path: Path, settings: MeasurementSettings, where: str) -> None:

@@ -12,7 +12,7 @@ from expertaug.equation.selection import Tried
 from expertaug.equation.shooting import Formula
 from expertaug.errors import InputError
 from expertaug.models.store import StoredModel
-from expertaug.models.terms import Term, latex_name, rounded
+from expertaug.models.terms import Term, latex_name, round_to_error
 from expertaug.systems import System
 
 DECISIVE = 10.0  # by which the training windows' information criterion speaks for a formula (Kass & Raftery 1995)
@@ -55,8 +55,8 @@ class Coefficient:
         return LAW if self.drift <= MOVED else CORRECTION
 
     def __str__(self) -> str:
-        value, error = rounded(self.value, self.error), rounded(self.error, self.error)
-        spread = "" if self.shared else f", of each window: spread {rounded(self.spread, self.error)}"
+        value, error = round_to_error(self.value, self.error), round_to_error(self.error, self.error)
+        spread = "" if self.shared else f", of each window: spread {round_to_error(self.spread, self.error)}"
         return f"{self.term}: {value} ± {error}{spread} ({self.verdict})"
 
 
@@ -172,7 +172,7 @@ def latex_of(system: System, coefficients: Sequence[Coefficient]) -> str:
 
 
 def _signed(coefficient: Coefficient) -> str:
-    number = rounded(abs(coefficient.value), coefficient.error)
+    number = round_to_error(abs(coefficient.value), coefficient.error)
     return f"{'-' if coefficient.value < 0 else '+'} {number}"
 
 

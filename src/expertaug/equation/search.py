@@ -13,7 +13,7 @@ from torch import Tensor
 from expertaug.equation.library import finite, library, rates_of
 from expertaug.equation.network import Learned, learned
 from expertaug.equation.result import Coefficient, Found, Row
-from expertaug.equation.selection import ROUNDS, Choice, Tried, backward, choose, exchanged, forward
+from expertaug.equation.selection import ROUNDS, Choice, Tried, backward, choose, exchange_terms, forward
 from expertaug.equation.shooting import Fit, Formula, Guess, Sample, Shooting
 from expertaug.errors import InputError
 from expertaug.inference.window_problem import assumed_noise
@@ -31,6 +31,7 @@ from expertaug.models.terms import Term
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows
+from expertaug.wording import check_keys
 
 KEPT = ("experiment", "preset", "choices", "t", "observed", "observed_s", "bound", "start", "data_noise", "system")
 FEWEST = 3  # points after the observed window
@@ -103,8 +104,7 @@ class Search:
         if settings.of_sensors:
             raise InputError("sensors", "are estimated by the model", "leave them out, and seek terms with kinematics")
         names = [p.name for p in self.system.expert_parameters]
-        if unknown := sorted(set(units or {}) - set(names)):
-            raise InputError(f"units.{unknown[0]}", "is no expert parameter", f"known: {', '.join(names)}")
+        check_keys(units or {}, names, "units", "expert parameter")
         chosen = {**(settings.units or {}), **(units or {})}
         self.units = RefinementSettings.from_mapping({"units": chosen}).shared
         self.own = len(self.units) < len(names) or not names  # of one apparatus every coefficient is one number
@@ -191,7 +191,7 @@ class Search:
         for _ in range(ROUNDS):
             choice = choose(list(done.values()), validation.groups, tolerance)
             count = len(done)
-            exchanged(self.shooting, choice.chosen, terms, train, attempt)
+            exchange_terms(self.shooting, choice.chosen, terms, train, attempt)
             if len(done) == count:
                 break
         choice, tried = choose(list(done.values()), validation.groups, tolerance), list(done.values())

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from expertaug.equation.shooting import Fit, Formula, Guess, Sample, Shooting, criterion
-from expertaug.inference.joint_fit import NormalEquations, eliminated
+from expertaug.inference.joint_fit import NormalEquations, eliminate
 from expertaug.models.terms import Term, quantities
 from expertaug.systems.inputs import inputs_of, states_of
 
@@ -77,7 +77,7 @@ class Candidates:
         chosen = [*own, *held, *new]
         part = _scaled(self.equations.of(chosen), len(own))
         places = list(range(len(own), len(chosen)))
-        curvature, slope, *_ = eliminated(part, places, 0.0)
+        curvature, slope, *_ = eliminate(part, places, 0.0)
         raw = part.curvature.diagonal(dim1=1, dim2=2)[:, places]
         count = len(held)
         # One for all windows: what all of them say together, once what they share is fitted.
@@ -144,7 +144,7 @@ def further(shooting: Shooting, now: Fit, library: Sequence[Term], sample: Sampl
     if not left:
         return []
     own, count = len(shooting.system.expert_parameters), len(now.formula.terms)
-    equations = shooting.linearised(now, left, sample)
+    equations = shooting.linearise(now, left, sample)
     first = own + count + len(left)
     base = [(k, k in shooting.places(now.formula)) for k in range(own + count)]
     base += [(k, False) for k in range(first, equations.slope.shape[1])]
@@ -152,7 +152,7 @@ def further(shooting: Shooting, now: Fit, library: Sequence[Term], sample: Sampl
     return _ranked(Candidates(equations, tuple(base), of_terms).gains(), now, shooting.own)[:BEAM]
 
 
-def exchanged(
+def exchange_terms(
     shooting: Shooting,
     chosen: Tried,
     library: Sequence[Term],
@@ -233,7 +233,7 @@ def conditioned(columns: Candidates, formula: Formula, places: dict[Term, int]) 
     more = tuple((places[t], s) for t, s in zip(formula.terms, formula.shared, strict=True))
     equations = columns.equations
     base = (*columns.base, *more)
-    solution = solved(equations, base)
+    solution = solve_base(equations, base)
     k = [place for place, _ in base]
     part = (equations.curvature[:, :, k] @ solution.unsqueeze(-1)).squeeze(-1)
     slope = equations.slope - part
@@ -248,14 +248,14 @@ def remainder(columns: Candidates, formula: Formula, places: dict[Term, int]) ->
     return float(conditioned(columns, formula, places).equations.cost.sum())
 
 
-def solved(equations: NormalEquations, base: Sequence[tuple[int, bool]]) -> Tensor:
+def solve_base(equations: NormalEquations, base: Sequence[tuple[int, bool]]) -> Tensor:
     """Coefficients (N, len(base)) that fit best, in the order of ``base``."""
     if not base:
         return equations.slope[:, :0]
     order = [k for k, _ in base]
     part = NormalEquations(equations.cost, equations.curvature[:, order][:, :, order], equations.slope[:, order])
     places = [k for k, (_, shared) in enumerate(base) if shared]
-    reduced, left, follow, rest, own = eliminated(part, places, 0.0)
+    reduced, left, follow, rest, own = eliminate(part, places, 0.0)
     total = reduced.sum(0)
     shared = torch.linalg.solve(
         total + 1e-12 * torch.eye(len(places), dtype=total.dtype) * total.diagonal().sum().clamp_min(1e-30),

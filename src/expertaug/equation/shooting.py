@@ -242,7 +242,7 @@ class Shooting:
         numbers = problem.observations * sample.count - int(problem.missing(windows).sum())
         return Fit(formula, self._guess(problem, formula, x, windows), equations, places, numbers, self.least)
 
-    def linearised(self, fit: Fit, terms: Sequence[Term], sample: Sample) -> NormalEquations:
+    def linearise(self, fit: Fit, terms: Sequence[Term], sample: Sample) -> NormalEquations:
         """The equations at a fit with further terms, whose coefficients are zero there: coordinates of the expert, of
         the formula's terms, of the further ones, of the start."""
         formula = fit.formula

@@ -70,7 +70,7 @@ def draw_dots(
         for axes, line, methods in zip(grid, beside, versions, strict=True):
             for axis, panel in zip(axes, line, strict=False):
                 _panel(axis, panel, methods, colours, floor)
-                axis.set_title(plotting.wrapped(panel.title, width))
+                axis.set_title(plotting.wrap_words(panel.title, width))
                 if logarithmic:
                     plotting.plain_log(axis, "x")
             axes[0].set_ylim(len(methods) - 0.5, -0.5)
@@ -78,7 +78,7 @@ def draw_dots(
         for axis in grid.flat[len(panels) :]:
             axis.set_axis_off()
         for axis in grid.flat[max(0, len(panels) - columns) : len(panels)]:  # the lowest of each column
-            axis.set_xlabel(plotting.wrapped(axis_label, width))
+            axis.set_xlabel(plotting.wrap_words(axis_label, width))
         sets = order_sets(row.set for row in rows)
         handles = [_mark(name, "0.3", panels[0].titles) for name in sets]
         if floor in labels:

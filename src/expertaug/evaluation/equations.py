@@ -16,7 +16,7 @@ from expertaug.evaluation.table import DASH, Study, Table, escape
 from expertaug.inference.flow import load
 from expertaug.inference.least_squares import refined_by
 from expertaug.models.store import StoredModel, device_of
-from expertaug.models.terms import Term, rounded
+from expertaug.models.terms import Term, round_to_error
 from expertaug.rows import frame
 from expertaug.trajectories import SetFolder, Trajectories
 
@@ -129,7 +129,7 @@ def _rows(version: str, label: str, result: Found) -> Iterator[EquationRow]:
 
 def _numbers(c: Coefficient) -> list[str]:
     each = [(c.value, c.error), (c.error, c.error), (c.spread, c.error), (c.validation, c.validation_error)]
-    texts = [rounded(value, error).replace("-", "−") if np.isfinite(value) else DASH for value, error in each]
+    texts = [round_to_error(value, error).replace("-", "−") if np.isfinite(value) else DASH for value, error in each]
     return [*texts, c.verdict]
 
 

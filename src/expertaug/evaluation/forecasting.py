@@ -25,7 +25,7 @@ from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import squared_errors
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet
-from expertaug.models.observation_noise import GivenNoise, NoiseLike, is_some, noise_of, shaped
+from expertaug.models.observation_noise import GivenNoise, NoiseLike, is_some, noise_of, shape_as_state
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
@@ -181,7 +181,8 @@ class Drawing:
                 return None
             if is_some(self.noise):  # (S, K, T', B, *state): a seed's numbers do not depend on the seeds beside it
                 shape = (states.shape[0], states.shape[1], *states.shape[3:])
-                states = states + shaped(self.noise, states, system) * random.normal(*shape).movedim(0, 2).to(states)
+                drawn = random.normal(*shape).movedim(0, 2).to(states)
+                states = states + shape_as_state(self.noise, states, system) * drawn
             parts.append(self._scored(system, states, windows.y[self.begin :, :, part]))
         return DrawnScores.joined(parts)
 

@@ -238,7 +238,7 @@ def parameter_errors(system: System, estimate: Tensor, truth: Tensor) -> dict[st
     return errors | {RMSE_OF.member(of).name: value for of, value in rmse.items()}
 
 
-def measured(errors: Tensor) -> Tensor:
+def measured_errors(errors: Tensor) -> Tensor:
     """Errors (S, N) of the samples of which anything was measured at these times."""
     unknown = errors.isnan().all(0)
     return errors[:, ~unknown] if unknown.any() else errors
@@ -246,7 +246,7 @@ def measured(errors: Tensor) -> Tensor:
 
 def log_of_mean(errors: Tensor) -> Tensor:
     """Natural logarithm of the mean over samples, (S,), of errors (S, N)."""
-    return measured(errors).mean(1).log()
+    return measured_errors(errors).mean(1).log()
 
 
 def per_dimension(value: Tensor, system: System) -> Tensor:
@@ -257,7 +257,7 @@ def per_dimension(value: Tensor, system: System) -> Tensor:
 
 
 def _log_of_median(errors: Tensor) -> Tensor:
-    return measured(errors).quantile(0.5, dim=1).log()
+    return measured_errors(errors).quantile(0.5, dim=1).log()
 
 
 def _errors_of_parameters(outcome: Outcome) -> tuple[dict[str, Tensor], dict[str, Tensor], Tensor | None]:
@@ -486,4 +486,4 @@ register(
     )
 )
 # Of a training, not of a set's forecasts.
-WALL = register(Metric("wall_s", "training time", "s", digits=0, not_negative=True, of_job=True))
+register(Metric("wall_s", "training time", "s", digits=0, not_negative=True, of_job=True))

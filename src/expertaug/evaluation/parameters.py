@@ -44,7 +44,7 @@ def parameters(forecasts: Mapping[str, Forecasts], reading: ParameterReading = P
     with plotting.styled():
         side = min(2.3, (plotting.WIDTH - 0.5) / len(methods))
         before_unit = "\n[" if side < 1.2 else " ["  # two lines where the panels are narrow
-        titles = [plotting.wrapped(plotting.text(reading.printed(method)), side) for method in methods]
+        titles = [plotting.wrap_words(plotting.text(reading.printed(method)), side) for method in methods]
         lines = max(title.count("\n") for title in titles)
         height = 0.6 + (side + 0.25) * count + 0.13 * lines
         figure = plotting.new_figure(height, max(4.6, side * len(methods) + 0.5))

@@ -30,7 +30,7 @@ from expertaug.inference.coordinates import LatentCoordinates
 from expertaug.inference.expected_error import record_misfits
 from expertaug.inference.held_constants import HeldConstants
 from expertaug.inference.least_squares import WindowFit, refined_by, with_overdispersion
-from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, minimise, trial
+from expertaug.inference.levenberg_marquardt import DAMPING, adapt_damping, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
 from expertaug.inference.shared import fit_shared, fit_shared_of_seeds
 from expertaug.inference.window_problem import assumed_noise
@@ -180,7 +180,7 @@ class Alternation:
         better = new_cost < cost if x.shape[-1] else torch.ones_like(cost, dtype=torch.bool)
         rows = torch.arange(len(self.seeds)).unsqueeze(1)
         self.x[rows, index] = torch.where(better[..., None], x_new, x)
-        self.damping[rows, index] = adapted(damping, better)
+        self.damping[rows, index] = adapt_damping(damping, better)
         self.misfit[rows, index] = torch.where(better, new_cost, cost)
         each = torch.where(better, self._robust(data).mean(-1), torch.zeros_like(cost))
         fitted = each.sum(-1) / better.sum(-1).clamp_min(1)  # what a step has led astray teaches nothing

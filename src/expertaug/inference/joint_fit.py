@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from expertaug.inference.levenberg_marquardt import DAMPING, LESS, MORE, TIGHTEST, linearised, minimise
+from expertaug.inference.levenberg_marquardt import DAMPING, LESS, MORE, TIGHTEST, linearise, minimise
 from expertaug.inference.sensed_fit import SensedFit
 from expertaug.inference.window_problem import MEMORY, WindowProblem
 from expertaug.models.settings import Constant
@@ -190,11 +190,11 @@ def normal_equations(fit: WindowProblem | SensedFit, windows: Tensor, x: Tensor)
         def residuals(candidates: Tensor, columns: Tensor, some: Tensor = some) -> Tensor:
             return fit.residuals(candidates, some[:, :, columns])
 
-        parts.append(linearised(residuals, x[:, first : first + size]))
+        parts.append(linearise(residuals, x[:, first : first + size]))
     return NormalEquations(*(torch.cat([part[k][0] for part in parts]) for k in range(3)))
 
 
-def eliminated(
+def eliminate(
     equations: NormalEquations, places: Sequence[int], damping: float
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, list[int]]:
     """What each window says of the shared coordinates once its own are eliminated: curvature (N, M, M) and slope
@@ -219,14 +219,14 @@ def _step(
     """The damped step (1, N, K)."""
     step, count = torch.zeros_like(equations.slope), len(equations.cost)
     if tied is None:
-        reduced, left, follow, rest, own = eliminated(equations, places, damping)
+        reduced, left, follow, rest, own = eliminate(equations, places, damping)
         shared = _shared_step(reduced, left, damping, longest[list(places)])
         outer, moved, along = list(places), shared.expand(count, -1), follow @ shared
     else:
         outer, size = [*tied.places, *places], len(tied.places)
-        reduced, left, follow, rest, own = eliminated(equations, outer, damping)
+        reduced, left, follow, rest, own = eliminate(equations, outer, damping)
         each = tied.summed(NormalEquations(equations.cost, reduced, left))
-        reduced, left, follow_group, rest_group, _ = eliminated(each, range(size, len(outer)), damping)
+        reduced, left, follow_group, rest_group, _ = eliminate(each, range(size, len(outer)), damping)
         shared = _shared_step(reduced, left, damping, longest[list(places)])
         limit = longest[list(tied.places)]
         of_each = -(rest_group + follow_group @ shared).clamp(-limit, limit)
@@ -254,7 +254,7 @@ def of_groups(
     if tied is None:
         return equations, places
     outer = [*tied.places, *places]
-    reduced, left, *_ = eliminated(equations, outer, 0.0)
+    reduced, left, *_ = eliminate(equations, outer, 0.0)
     return tied.summed(NormalEquations(equations.cost, reduced, left)), range(len(tied.places), len(outer))
 
 
@@ -262,7 +262,7 @@ def clustered_variances(equations: NormalEquations, places: Sequence[int], group
     """Of the shared coordinates, (M,), from how the groups' slopes scatter, as leaving each group out once would tell
     (Bell & McCaffrey 2002): errors are not too small where groups are few.  Where few of them tell a constant their
     scatter is often too small by chance: never less than what the noise alone makes, by the curvature."""
-    reduced, left, *_ = eliminated(equations, places, 0.0)
+    reduced, left, *_ = eliminate(equations, places, 0.0)
     inverse = torch.linalg.pinv(reduced.sum(0))
     numbers = torch.from_numpy(np.unique(groups, return_inverse=True)[1])
     count, size = int(numbers.max()) + 1, len(places)

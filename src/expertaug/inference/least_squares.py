@@ -28,7 +28,7 @@ from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.decoder import Decoder
 from expertaug.models.observation_noise import GivenNoise, is_some, noise_of
 from expertaug.models.posterior import Estimates, Estimator, Gaussian, Posterior, Predictor, log_slope, unconstrain
-from expertaug.models.sensors import Sensors
+from expertaug.models.sensors import Sensors, check_components
 from expertaug.models.settings import Constant, Population, Refinement, RefinementSettings, SensorConstants
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
@@ -37,6 +37,7 @@ from expertaug.systems.settings import FIXED
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows
+from expertaug.wording import check_keys
 
 logger = logging.getLogger(__name__)
 TOLD = 32  # training windows at most, that tell how much residuals tell
@@ -277,9 +278,10 @@ def estimator_of(
         overdispersion: see :class:`WindowProblem`.
 
     Raises:
-        InputError: a model without a decoder.
+        InputError: a model without a decoder, or a name that is no expert parameter or no component.
     """
     options = RefinementSettings.from_mapping(settings)
+    check_names(stored.model.system, options)
     card, kind = stored.card, stored.kind
     if sensors is None and card.refinement is not None:
         sensors = card.refinement.sensors
@@ -321,6 +323,23 @@ def estimator_of(
         overdispersion,
     )
     return LeastSquares(decoder, fit, first)
+
+
+def check_names(system: System, settings: RefinementSettings) -> None:
+    """Refuse what is no parameter or component of a system, and distributions that cannot be.
+
+    Raises:
+        InputError: what is wrong first.
+    """
+    parameters = {p.name: p for p in system.expert_parameters}
+    for block in ("units", "population"):
+        check_keys(getattr(settings, block) or {}, parameters, block, "expert parameter")
+    check_components(system, settings.sensors or {})
+    for name, form in (settings.population or {}).items():
+        if name in settings.shared:
+            raise InputError(f"population.{name}", "is shared by all windows", "leave it out here, or in units")
+        if form == "lognormal" and not parameters[name].positive:
+            raise InputError(f"population.{name}", "a parameter that may be negative", "give normal")
 
 
 def refined_by(stored: StoredModel, refinement: Refinement) -> LeastSquares:

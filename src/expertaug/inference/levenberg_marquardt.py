@@ -79,18 +79,18 @@ def minimise(
 
 @torch.no_grad()
 def trial(residuals: Residuals, x: Tensor, damping: Tensor, longest: float | Tensor = LONGEST) -> tuple[Tensor, Tensor]:
-    """One step that its caller is to accept or not (:func:`adapted`): where it leads (…, B, K), and the cost (…, B)
-    from where it starts.
+    """One step that its caller is to accept or not (:func:`adapt_damping`): where it leads (…, B, K), and the cost
+    (…, B) from where it starts.
 
     Arguments:
         x: parameters (…, B, K).
         damping: of each problem, (…, B).
     """
-    cost, curvature, slope = linearised(residuals, x)
+    cost, curvature, slope = linearise(residuals, x)
     return x + _step(curvature, slope, damping, longest)[0], cost
 
 
-def adapted(damping: Tensor, better: Tensor) -> Tensor:
+def adapt_damping(damping: Tensor, better: Tensor) -> Tensor:
     """The damping (…, B) of the next step, after one that was ``better`` (…, B) or was not."""
     return torch.where(better, damping * LESS, damping * MORE).clamp(1 / TIGHTEST, TIGHTEST)
 
@@ -106,7 +106,7 @@ def _derivatives(residuals: Residuals, x: Tensor, columns: Tensor) -> tuple[Tens
     return here.square().sum(-1), transposed @ jacobian, (transposed @ here.unsqueeze(-1)).squeeze(-1)
 
 
-def linearised(residuals: Residuals, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def linearise(residuals: Residuals, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Cost (…, B), JᵀJ (…, B, K, K) and Jᵀr (…, B, K) at parameters x (…, B, K)."""
     return _derivatives(residuals, x, torch.arange(x.shape[-2], device=x.device))
 

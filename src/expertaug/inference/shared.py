@@ -26,12 +26,12 @@ from expertaug.inference.joint_fit import (
     NormalEquations,
     Tied,
     clustered_variances,
-    eliminated,
+    eliminate,
     minimise_together,
     normal_equations,
     of_groups,
 )
-from expertaug.inference.least_squares import estimator_of, pull_of
+from expertaug.inference.least_squares import check_names, estimator_of, pull_of
 from expertaug.inference.population import distribution, overdispersion
 from expertaug.inference.sensed_fit import SensedFit, SensorCoordinates, constants_from
 from expertaug.learning.settings import UntrainedJob
@@ -40,7 +40,6 @@ from expertaug.learning.training_data import set_files
 from expertaug.models import store
 from expertaug.models.card import RecipeRecord
 from expertaug.models.observation_noise import ESTIMATED
-from expertaug.models.sensors import check_components
 from expertaug.models.settings import Constant, Population, Refinement, RefinementSettings, SensorConstants
 from expertaug.models.stacking import select
 from expertaug.models.store import StoredModel
@@ -121,7 +120,7 @@ def fit_shared(
     system, settings = stored.model.system, refinement.settings
     names = [p.name for p in system.expert_parameters]
     shared, tied, sought = settings.shared, settings.tied, settings.of_sensors
-    _check_names(system, settings)
+    check_names(system, settings)
     if not settings.shares:
         return refinement
     if refinement.prior is None:
@@ -150,7 +149,7 @@ def fit_shared(
     dispersion = _Dispersion.of(sensed, windows, x)
     if wanted := [name for name in settings.population or {} if name not in (refinement.population or {})]:
         of_population = _PopulationFit(stored, sensors, windows, places, together, groups_of(train))
-        refinement = of_population.told(refinement, wanted, x, dispersion)
+        refinement = of_population.with_distributions(refinement, wanted, x, dispersion)
         if together is None or not set(wanted) <= set(tied):  # a trajectory's windows are not pulled one by one
             refinement, x, equations, ended = of_population.pulled(refinement, wanted, x, dispersion)
     if not ended:
@@ -186,20 +185,6 @@ def _problem(stored: StoredModel, refinement: Refinement, points: int, sensors: 
     options = {"population": pull, "overdispersion": refinement.overdispersion}
     fit = estimator_of(of_part, refinement.settings.alone, refinement.noise, ranges, **options).fit
     return SensedFit(fit, sensors)
-
-
-def _check_names(system: System, settings: RefinementSettings) -> None:
-    """Refuse what is no parameter or component of a system, and distributions that cannot be."""
-    parameters = {p.name: p for p in system.expert_parameters}
-    for block in ("units", "population"):
-        if wrong := sorted({*(getattr(settings, block) or {})} - set(parameters)):
-            raise InputError(f"{block}.{wrong[0]}", "is no expert parameter", f"known: {', '.join(parameters)}")
-    check_components(system, settings.sensors or {})
-    for name, form in (settings.population or {}).items():
-        if name in settings.shared:
-            raise InputError(f"population.{name}", "is shared by all windows", "leave it out here, or in units")
-        if form == "lognormal" and not parameters[name].positive:
-            raise InputError(f"population.{name}", "a parameter that may be negative", "give normal")
 
 
 @dataclass(frozen=True)
@@ -243,7 +228,9 @@ class _PopulationFit:
     tied: Tied | None
     groups: np.ndarray
 
-    def told(self, refinement: Refinement, wanted: Sequence[str], x: Tensor, dispersion: _Dispersion) -> Refinement:
+    def with_distributions(
+        self, refinement: Refinement, wanted: Sequence[str], x: Tensor, dispersion: _Dispersion
+    ) -> Refinement:
         """The refinement with the distributions of the wanted parameters, as windows at coordinates (1, N, K) tell
         them."""
         bare = _problem(
@@ -265,7 +252,7 @@ class _PopulationFit:
             dispersion: of the windows' fits there.
         """
         for k in range(POPULATION_ROUNDS):
-            refinement = refinement if k == 0 else self.told(refinement, wanted, x, dispersion)
+            refinement = refinement if k == 0 else self.with_distributions(refinement, wanted, x, dispersion)
             pulled = _problem(self.stored, refinement, len(self.windows), self.sensors)
             if k == 0:  # from where the distributions say, too: a window that tells little may lie anywhere
                 other = pulled.start(self.windows)
@@ -297,7 +284,7 @@ class _PopulationFit:
             places = [names.index(name) for name in chosen]
             kept = [k for k in range(x.shape[-1]) if k not in held or k in places]
             part = equations.of(kept)
-            curvature, slope, *_ = eliminated(part, [kept.index(k) for k in places], 0.0)
+            curvature, slope, *_ = eliminate(part, [kept.index(k) for k in places], 0.0)
             at, units, clusters = x[0][:, places], NormalEquations(part.cost, curvature, slope), self.groups
             if unit == "trajectory" and self.tied is not None:
                 units, at = self.tied.summed(units), at[self.tied.first]
@@ -403,7 +390,7 @@ def _check_told(equations: NormalEquations, places: Sequence[int], names: Sequen
     Raises:
         InputError: their names.
     """
-    total = eliminated(equations, places, 0.0)[0].sum(0)
+    total = eliminate(equations, places, 0.0)[0].sum(0)
     own = total.diagonal().clamp_min(1e-300).sqrt()
     curvature, axes = torch.linalg.eigh(total / torch.outer(own, own))
     of_sensors = [k for k, name in enumerate(names) if name.startswith("sensors.")]

@@ -34,7 +34,7 @@ from expertaug.models.card import ModelCard
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import ends_of
 from expertaug.models.hybrid import HybridNet
-from expertaug.models.observation_noise import GivenNoise, NoiseLike, is_some, noise_of, shaped
+from expertaug.models.observation_noise import GivenNoise, NoiseLike, is_some, noise_of, shape_as_state
 from expertaug.models.posterior import Predictor
 from expertaug.models.stacking import stack
 from expertaug.models.store import StoredModel
@@ -174,7 +174,7 @@ class Simulator:
         good = within_bound(y, self.task.bound)
         y = clamp_to_bound(y, self.task.bound)
         if is_some(self.noise):
-            noise = shaped(self.noise, y, system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
+            noise = shape_as_state(self.noise, y, system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
             if not self.unknowns.start.size:  # a field's first point has noise already, and forecasts start from it
                 noise[0] = 0.0
             y = y + noise

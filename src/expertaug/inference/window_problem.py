@@ -27,7 +27,7 @@ from expertaug.learning.divergence import FACTOR, forecast_or_fallback
 from expertaug.learning.residuals import differences
 from expertaug.models.decoder import Decoder, TruthDecoder
 from expertaug.models.gaps import ends_of
-from expertaug.models.observation_noise import NoiseLike, of_observed, shaped
+from expertaug.models.observation_noise import NoiseLike, of_observed, shape_as_state
 from expertaug.models.posterior import Estimates
 from expertaug.models.settings import Constant, RefinementSettings
 from expertaug.systems import System
@@ -241,7 +241,7 @@ def _first_point(
     system: System, noise: NoiseLike, free_start: bool, ranges: Mapping[str, Sequence[float]] | None
 ) -> FirstPointCoordinates:
     """Of a first point that is noisy, or of which components may not be measured."""
-    scales = shaped(noise, torch.zeros(0, dtype=torch.float64), system)
+    scales = shape_as_state(noise, torch.zeros(0, dtype=torch.float64), system)
     if ranges is not None:
         # In single precision as ever, which the bits of fits of windows with gaps depend on.
         scales = torch.as_tensor(scales)

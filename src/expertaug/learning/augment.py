@@ -19,7 +19,7 @@ from expertaug.learning.settings import AugmentJob
 from expertaug.learning.training_data import StackedSet, Task, set_files, task_of
 from expertaug.models import store
 from expertaug.models.hybrid import HybridNet
-from expertaug.models.observation_noise import GivenNoise, NoiseLike, noise_of, shaped
+from expertaug.models.observation_noise import GivenNoise, NoiseLike, noise_of, shape_as_state
 from expertaug.models.posterior import Gaussian, Normal, Posterior
 from expertaug.models.store import device_of
 from expertaug.models.tensor_file import read_tensors, write_tensors
@@ -220,7 +220,7 @@ def generate(
             )  # fmt: skip
     y, z_e, z_a = (torch.cat([p[k] for p in parts], dim=2 if k == 0 else 1) for k in range(3))
     if noise:
-        y = y + shaped(noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
+        y = y + shape_as_state(noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
     u = None if data.u is None else torch.cat([p[3] for p in parts], dim=2)
     made = Windows(task.t, y, u)
     return StackedSet(made, z_e, torch.ones(z_e.shape[1], device=y.device), z_a)
@@ -256,7 +256,7 @@ def hardest_parameters(
     z_a = sample_latent(model.encode(windows), "posterior", partial(random.normal, TRIED))
     y, z_e = _simulate(model, model.start(windows), z_a, low, high, task.shortened(task.observed), random, u)
     y = clamp_to_bound(y, task.bound)
-    y = y + shaped(drawing.noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
+    y = y + shape_as_state(drawing.noise, y, model.system) * random.normal(len(y), *y.shape[2:]).movedim(0, 1)
     estimated = model.encode(Windows(windows.t, _as_measured(y, batch.y), u)).z_e.mean
     width = (high - low).clamp_min(1e-12).to(y)
     error = ((estimated - z_e) / width).abs().amax(-1).nan_to_num(torch.inf)

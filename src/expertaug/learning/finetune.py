@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -26,6 +26,7 @@ from expertaug.presets import Choices
 from expertaug.settings import given_ranges
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories
+from expertaug.wording import check_keys
 
 # Of the options, what a model file says.
 KEPT = ("experiment", "method", "label", "preset", "choices", "training")
@@ -150,8 +151,14 @@ def _bound(base: ModelCard, device: torch.device) -> LatentBound:
 
 
 def inherit_options(stored: store.StoredModel, plus: Augmented | None, options: Options) -> Options:
-    """Options with what they inherit: of the training its solver, horizon and objective, of D⁺ its prior."""
+    """Options with what they inherit: of the training its solver, horizon and objective, of D⁺ its prior.
+
+    Raises:
+        InputError: a range of p⁺ is of no expert parameter.
+    """
     base = stored.card
+    if isinstance(options.prior, Mapping):
+        check_keys(options.prior, [p.name for p in stored.model.system.expert_parameters], "prior", "expert parameter")
     inherited = {k: getattr(base.training, k) for k in ("solver", "horizon_s")}
     inherited = {k: value for k, value in inherited.items() if value is not None}
     objective = {**(base.training.objective or {}), **(base.carried or {}), **(options.training.objective or {})}

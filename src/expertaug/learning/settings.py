@@ -36,7 +36,7 @@ from expertaug.settings import (
     key,
     read,
 )
-from expertaug.systems.settings import SolverSettings
+from expertaug.systems.settings import SYSTEMS, SolverSettings
 
 DEFAULT_OBJECTIVE = "aphynity"
 # Rows of the preset's table that every training obeys.
@@ -283,6 +283,14 @@ class RecipeKeys(Settings):
     system: SystemKeys = key(..., "name and arguments of the system")
     build: Build = key(..., "how the method is built")
     model: PartsSettings = key(..., "encoder and interaction")
+
+    @model_validator(mode="after")
+    def _system_of_the_method(self) -> Self:
+        of_method = self.build.system or {}
+        kind = SYSTEMS.get(str((self.system | of_method)["name"]))
+        if kind is not None and (errors := check(kind, self.system | of_method, "build.system")):
+            raise disagree(errors[0].found, errors[0].remedy, errors[0].where)
+        return self
 
 
 class WindowKeys(Settings):

@@ -40,6 +40,7 @@ from expertaug.systems.inputs import check_given, check_trainable
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import Trajectories, points_until
+from expertaug.wording import check_keys
 
 FURTHER = 1_000_000_007  # added to a seed that is begun anew, at most three times: generators take 32 bits
 # Of the options, what a model file says.
@@ -179,6 +180,8 @@ def prepare(
     check_trainable(recipe.system)
     if options.training.bound_z_a:
         raise InputError("training.bound_z_a", "found true", "say it of fine-tuning: the trained model's z_a bound it")
+    if isinstance(options.prior, Mapping):
+        check_keys(options.prior, [p.name for p in recipe.system.expert_parameters], "prior", "expert parameter")
     kind = objective_of(objective, classes)
     card = ModelCard.of(
         kind=Hybrid.name,
@@ -282,11 +285,12 @@ def card_fields(train: Trajectories, system: systems.System, options: DataOption
     """What a card says of data and options.
 
     Raises:
-        InputError: a component that nobody measured has no range.
+        InputError: a component that nobody measured has no range, or a range is of no component.
     """
     t = [float(v) for v in train.t]
     observed = observed_points(t, options.t1_s, options.choices)
     kept = options.model_dump(include=set(KEPT))
+    check_keys(options.start, [p.name for p in system.state], "start", "component of the state")
     start = None if train.mask is None else _first_values(train, system, options.start)
     return {
         "t": t,

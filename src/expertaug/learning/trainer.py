@@ -15,13 +15,14 @@ from typing import Any, TypeAlias
 import torch
 from torch import Tensor
 
+from expertaug import registry
 from expertaug.errors import InputError, SolveError
 from expertaug.learning.check_parts import check_loss
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback, within_bound
 from expertaug.learning.objectives import Objective
 from expertaug.learning.optimiser import Adam, clip_each_seed
 from expertaug.learning.residuals import mean_squared_error, record_residuals
-from expertaug.learning.settings import FinetuneOptions, TrainOptions, TrainSettings, objective_of
+from expertaug.learning.settings import OBJECTIVE, FinetuneOptions, TrainOptions, TrainSettings, objective_of
 from expertaug.learning.snapshots import Snapshot
 from expertaug.learning.training_data import Batch, StackedSet, Task
 from expertaug.models.card import LatentRecord, ModelCard
@@ -31,6 +32,7 @@ from expertaug.models.settings import AXES
 from expertaug.models.store import StoredModel
 from expertaug.models.support import support_of
 from expertaug.windows import Windows
+from expertaug.wording import check_keys
 
 logger = logging.getLogger(__name__)
 PROGRESS_S = 10.0
@@ -552,6 +554,9 @@ def make_objective(kind: type[Objective], seeds: Sequence[int], options: TrainOp
         InputError: the prior that it needs is missing, or an option is unknown.
     """
     arguments, named = dict(options.training.objective or {}), inspect.signature(kind).parameters
+    if (taken := registry.arguments(kind)) is not None:
+        own = [name for name in taken if name not in OBJECTIVE.given]
+        check_keys(arguments, own, "training.objective", f"option of {kind.__name__}")
     prior = {"prior": options.prior} if "prior" in named else {}
     if prior and not isinstance(options.prior, Mapping):
         raise InputError("prior", f"missing, {kind.__name__} needs it", "give a range [low, high] by parameter")

@@ -38,7 +38,7 @@ def rows_of(
     return np.stack((series, np.concatenate(starts)), axis=1)
 
 
-def spaced(rows: np.ndarray, stride: int) -> np.ndarray:
+def space_out(rows: np.ndarray, stride: int) -> np.ndarray:
     """Rows (series, first point) in order, without those that begin less than a stride after the last one taken."""
     taken: list[int] = []
     for k, (index, first) in enumerate(rows):
@@ -47,14 +47,16 @@ def spaced(rows: np.ndarray, stride: int) -> np.ndarray:
     return rows[taken]
 
 
-def thinned(rows: np.ndarray, limit: int | None) -> np.ndarray:
+def thin_out(rows: np.ndarray, limit: int | None) -> np.ndarray:
     """At most ``limit`` rows, evenly spread; None = all."""
     if limit is None or limit >= len(rows):
         return rows
     return rows[np.linspace(0, len(rows) - 1, limit).round().astype(int)]
 
 
-def chosen(where: object, candidates: dict[str, np.ndarray], options: Cutting, more: str) -> dict[str, np.ndarray]:
+def choose_chunks(
+    where: object, candidates: dict[str, np.ndarray], options: Cutting, more: str
+) -> dict[str, np.ndarray]:
     """Of each split at most as many chunks as the settings allow.
 
     Arguments:
@@ -71,7 +73,7 @@ def chosen(where: object, candidates: dict[str, np.ndarray], options: Cutting, m
             ways = f"more {more}, shorter chunks, a smaller stride or a lower min_chunks"
             remedy = f"at least {options.min_chunks} are needed: {ways}"
             raise InputError(where, f"too few chunks for the {name} split ({counts})", remedy)
-    return {name: thinned(rows, options.limit(name)) for name, rows in candidates.items()}
+    return {name: thin_out(rows, options.limit(name)) for name, rows in candidates.items()}
 
 
 def stride_of(split: str, options: Cutting) -> int:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from expertaug.errors import InputError
-from expertaug.measurements.chunks import chosen, rows_of, spaced, stride_of, thinned
+from expertaug.measurements.chunks import choose_chunks, rows_of, space_out, stride_of, thin_out
 from expertaug.measurements.grid import Grid, Series, on_grid, told_uneven
 from expertaug.measurements.names import Names
 from expertaug.measurements.noise import noise_of, noise_of_rows
@@ -305,7 +305,7 @@ def _apart(data: Measured, labels: list[np.ndarray], split: str, stride: int) ->
         return rows[_good(data, rows)]
     # Between rows lie points at which no chunk can begin: of those at which one can, such as are a stride apart.
     rows = rows_of(labels, steps, split, data.settings, 1)
-    return spaced(rows[_good(data, rows)], stride)
+    return space_out(rows[_good(data, rows)], stride)
 
 
 def _good(data: Measured, rows: np.ndarray) -> np.ndarray:
@@ -347,8 +347,7 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
             identity[k] = f"{trajectory.name}/{line}"
     for name in settings.angles:
         column = y[..., state.index(name)]
-        known = np.isfinite(column)
-        begins = np.take_along_axis(column, known.argmax(1)[:, None], 1)
+        begins = np.take_along_axis(column, np.isfinite(column).argmax(1)[:, None], 1)
         column -= 2 * np.pi * np.nan_to_num(np.round(begins / (2 * np.pi)))
     for k, parameter in enumerate(data.names.parameters):
         start = label_of(settings.z_e[parameter]).start if parameter in settings.z_e else None
@@ -359,14 +358,14 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
         if name in data.names.constant and changed.any():
             problem = f"{name} changes along {identity[int(changed.argmax())]}"
             raise InputError(f"{WHERE}.inputs.{name}", problem, "a covariate is constant; declare an input")
-    known = {"id": np.array(identity)}
+    fields = {"id": np.array(identity)}
     if data.noise is not None:
-        known["noise"] = np.nan_to_num(data.noise)
+        fields["noise"] = np.nan_to_num(data.noise)
     # Windows without a gap are what a model of them may rely on, as one of simulated sets or recordings does.
     if settings.min_seen < 1 or not data.seen.all():
-        known["mask"] = np.isfinite(y)
+        fields["mask"] = np.isfinite(y)
     return Trajectories(
-        data.grid.times(settings.length), np.nan_to_num(y), z_e, u=u if data.names.inputs else None, **known
+        data.grid.times(settings.length), np.nan_to_num(y), z_e, u=u if data.names.inputs else None, **fields
     )
 
 
@@ -378,7 +377,7 @@ def chunks_of(data: Measured) -> tuple[dict[str, np.ndarray], dict[str, float] |
     """
     labels, thresholds = divide(data)
     more = _off_grid_or(data, data.source.more)
-    return chosen(data.source.split, candidates(data, labels), data.settings, more), thresholds
+    return choose_chunks(data.source.split, candidates(data, labels), data.settings, more), thresholds
 
 
 class Divided(NamedTuple):
@@ -426,4 +425,4 @@ def all_chunks(data: Measured) -> Trajectories:
         problem = f"no chunk has {data.settings.min_seen:g} of its values measured{also}"
         remedy = _off_grid_or(data, _fewer_seen(data, labels))
         raise InputError(f"{WHERE}.min_seen", problem, remedy)
-    return trajectories_of(data, thinned(rows, data.settings.limit("train")))
+    return trajectories_of(data, thin_out(rows, data.settings.limit("train")))

@@ -90,7 +90,7 @@ def _day_comes_first(path: Path, name: str, texts: Texts) -> bool:
     return bool(days.any())
 
 
-def joined(dates: np.ndarray, clocks: np.ndarray) -> np.ndarray:
+def join_texts(dates: np.ndarray, clocks: np.ndarray) -> np.ndarray:
     """Dates and times of day, (n,) each, as one text of both."""
     return np.array(
         [f"{re.sub(NO_TIME_OF_DAY, '', str(a)).strip()} {b}" for a, b in zip(dates, clocks, strict=True)], dtype=object

@@ -12,7 +12,7 @@ from expertaug.errors import InputError
 
 LONGEST = 500  # characters
 LARGEST = 1e300
-FUNCTIONS: Mapping[str, Callable] = {
+FUNCTIONS: Mapping[str, np.ufunc] = {
     name: getattr(np, name)
     for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "arctan2", "hypot", "sign")
 } | {"minimum": np.minimum, "maximum": np.maximum}
@@ -77,7 +77,7 @@ def _check(node: ast.AST, text: str, where: object, used_names: dict[str, None])
         if node.func.id not in FUNCTIONS:
             listed = ", ".join(FUNCTIONS)
             raise InputError(where, f"'{text}' calls '{node.func.id}'", f"functions: {listed}")
-        wanted = 2 if node.func.id in ("arctan2", "hypot", "minimum", "maximum") else 1
+        wanted = FUNCTIONS[node.func.id].nin
         if len(node.args) != wanted:
             raise InputError(where, f"'{text}' gives {node.func.id} {len(node.args)} arguments", f"give {wanted}")
         inside = list(node.args)

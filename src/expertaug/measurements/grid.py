@@ -121,7 +121,7 @@ def _without_gaps(series: Series, longest: float) -> np.ndarray:
 
 def _of_rows(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
     """Rows at the points of a grid as far apart as they are themselves."""
-    row_s = fitted(trajectories, settings, median)
+    row_s = fit_step(trajectories, settings, median)
     step = 1 if settings.step_s is None else round(settings.step_s / row_s)
     if settings.step_s is not None:
         if step < 1 or abs(settings.step_s / row_s - step) > 0.01 * step:
@@ -146,7 +146,7 @@ def own_step(trajectories: Sequence[Rows]) -> float:
     return float(np.median(steps))
 
 
-def fitted(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> float:
+def fit_step(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> float:
     """The step in s that fits the rows best: the usual one or, where many rows are missing, a part of it."""
     steps = np.concatenate([np.diff(rows.t) for rows in trajectories]) / median
 
@@ -166,10 +166,10 @@ def fitted(trajectories: Sequence[Rows], settings: MeasurementSettings, median: 
             f"{median:.3g}: {100 * (1 - good.mean()):.0f} % lie more than {settings.tolerance:g} of that off a grid"
         )
         raise InputError(f"{WHERE}.time", problem, "set uneven to own or interpolate, or a larger tolerance")
-    return rounded(median * steps[good].sum() / whole[good].sum())
+    return round_step(median * steps[good].sum() / whole[good].sum())
 
 
-def rounded(step_s: float) -> float:
+def round_step(step_s: float) -> float:
     """A step, or its rate, of few digits where one is near: times that are written with few digits are meant so."""
     for candidate in (float(f"{step_s:.5g}"), 1 / float(f"{1 / step_s:.5g}")):
         if abs(candidate / step_s - 1) < NEAR:
@@ -228,7 +228,7 @@ def _series(rows: Rows, row: np.ndarray, usable: np.ndarray) -> Series:
 
 def _interpolated(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
     """Points every ``step_s`` by cubic splines through the rows of each stretch without a long gap."""
-    step_s = rounded(median) if settings.step_s is None else settings.step_s
+    step_s = round_step(median) if settings.step_s is None else settings.step_s
     longest = (settings.longest_gap + 1.5) * median
     series, squares, counts = [], 0.0, 0.0
     for rows in trajectories:
@@ -253,7 +253,7 @@ def _interpolated(trajectories: Sequence[Rows], settings: MeasurementSettings, m
 
 def _at_own_times(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
     """Rows at the nearest points of a finer grid, ``step_s`` apart, or a tenth of the usual time from row to row."""
-    step_s = rounded(median / 10) if settings.step_s is None else settings.step_s
+    step_s = round_step(median / 10) if settings.step_s is None else settings.step_s
     if step_s > median:
         problem = f"found {step_s:g}, rows are usually {median:.6g} s apart"
         raise InputError(f"{WHERE}.step_s", problem, "with uneven: own it is how exact times are kept: give less")

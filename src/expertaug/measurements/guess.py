@@ -16,7 +16,7 @@ from expertaug.measurements.settings import Column
 from expertaug.measurements.table import Table
 from expertaug.measurements.time_order import is_since_1970
 from expertaug.measurements.trajectory import check_half_told
-from expertaug.measurements.units import Told, conversion, parse, told, unsure
+from expertaug.measurements.units import Told, conversion, parse, parse_header, unsure
 
 TIMES = ("t", "time", "times", "zeit", "seconds", "timestamp", "datetime", "elapsed")
 TRAJECTORIES = ("trial", "trajectory", "run", "experiment", "series", "episode", "sample", "id", "rep", "replicate")
@@ -174,7 +174,7 @@ def unit_of(name: str, table: Table, to: str, units: Mapping[str, str]) -> str |
     if name in units:
         conversion(units[name], to, f"--unit {name}")
         return units[name]
-    header = told(name, table.units.get(name))
+    header = _header(name, table)
     if not header.unit or header.fits(to):
         return header.unit or None
     unit, own = parse(header.unit), parse(to)
@@ -189,7 +189,7 @@ def unit_of(name: str, table: Table, to: str, units: Mapping[str, str]) -> str |
 
 def _bare(name: str) -> str:
     """A name without its unit, in small letters."""
-    return re.sub(r"[^a-z0-9]+", " ", told(name).name.lower()).strip()
+    return re.sub(r"[^a-z0-9]+", " ", parse_header(name).name.lower()).strip()
 
 
 def _plain_name(name: str) -> str:
@@ -266,7 +266,7 @@ def _components(
     for component, unit in names.state.items():  # a column called deg/s, or one of its kind alone
         if component not in matches:
             free = [c for c in rest if c not in matches.values() and c not in still]
-            fitting = [c for c in free if _told(c, table).fits(unit) and unit]
+            fitting = [c for c in free if _header(c, table).fits(unit) and unit]
             if len(fitting) == 1:
                 matches[component] = fitting[0]
     certain = set(matches)
@@ -283,8 +283,8 @@ def _components(
     return columns, certain
 
 
-def _told(name: str, table: Table) -> Told:
-    return told(name, table.units.get(name))
+def _header(name: str, table: Table) -> Told:
+    return parse_header(name, table.units.get(name))
 
 
 def _likeness(component: str, column: str) -> float:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from expertaug.errors import InputError
-from expertaug.measurements.chunks import MOST_LONG, thinned
+from expertaug.measurements.chunks import MOST_LONG, thin_out
 from expertaug.measurements.cut import Measured, candidates, divide, measured, trajectories_of
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings, points_in
@@ -50,7 +50,7 @@ def long_set(data: Measured, name: str) -> Trajectories:
     long = replace(data, settings=options.model_copy(update={"length": length, "phases": "first"}), nearer=False)
     rows = candidates(long, labels)[split]
     if len(rows):
-        return trajectories_of(long, thinned(rows, MOST_LONG))
+        return trajectories_of(long, thin_out(rows, MOST_LONG))
     runs = [run for label in labels for run in stretches(label == SPLITS.index(split))]
     longest = max(((b - a - 1) * data.grid.row_s for a, b in runs), default=0.0)
     problem, remedy = (

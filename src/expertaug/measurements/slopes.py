@@ -18,7 +18,7 @@ from scipy.special import stdtrit  # Student's quantile; scipy.stats, which call
 from expertaug.measurements.grid import Series
 from expertaug.measurements.sensors import rows_of_a_period
 from expertaug.measurements.settings import MeasurementSettings, column_of
-from expertaug.measurements.units import parse, told
+from expertaug.measurements.units import parse, parse_header
 
 SURE, MATTERS = 0.9995, 0.02  # one-sided level at which a factor is not one, and the share by which it must not be
 GAP, SHORTEST = 2.5, 9  # usual steps that a stretch bridges in any case, and rows that it must have
@@ -234,7 +234,7 @@ def _is_likely(settings: MeasurementSettings, rate: str, of: str) -> bool:
     units, words = [], []
     for name in (rate, of):
         column = column_of(settings.columns[name])
-        header = told(column.name)
+        header = parse_header(column.name)
         units.append(parse(column.unit or header.unit) if column.unit or header.unit else None)
         words.append(set(re.split(r"[\W_\d]+", header.name.lower())))
     if units[0] is not None and units[1] is not None:

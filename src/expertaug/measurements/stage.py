@@ -39,7 +39,7 @@ def cut_measurements(
     with atomic(output_dir / "chunks.csv") as temporary:
         chunks_table(data, divided).to_csv(temporary, index=False, float_format="%.9g")
     digests = {str(path): sha256(path) for path in data.files}
-    report = described(data, divided) | {"files": digests, KEPT: data.settings.to_json()}
+    report = describe_sets(data, divided) | {"files": digests, KEPT: data.settings.to_json()}
     write_json(output_dir / "splits.json", report)
 
 
@@ -55,7 +55,7 @@ def chunks_table(data: Measured, divided: Divided) -> pd.DataFrame:
     return pd.concat(tables)
 
 
-def described(data: Measured, divided: Divided) -> dict[str, object]:
+def describe_sets(data: Measured, divided: Divided) -> dict[str, object]:
     """What splits.json says of measurements and their sets, but of files."""
     series, state = data.grid.series, list(data.names.state)
 

@@ -167,7 +167,7 @@ class Table:
         if cells.dtype.kind in "iuf":
             cells = self.texts(name)
         if date is not None:
-            cells = dates.joined(self.texts(date), self.texts(name))
+            cells = dates.join_texts(self.texts(date), self.texts(name))
         seconds, none = dates.seconds(self.path, name, cells, pattern)
         remedy = dates.CLOCK if pattern is None else f"data.files.time_format is '{pattern}'"
         if none.any() and date is not None:

@@ -15,7 +15,7 @@ from expertaug.measurements.sensors import check_marks
 from expertaug.measurements.settings import Column, MeasurementSettings, column_of, label_of
 from expertaug.measurements.table import Table, read_table
 from expertaug.measurements.time_order import check_seconds, check_sortable
-from expertaug.measurements.units import Unit, conversion, parse, told, unsure
+from expertaug.measurements.units import Unit, conversion, parse, parse_header, unsure
 
 WHERE = "data.files"
 
@@ -110,7 +110,7 @@ def check_half_told(table: Table, columns: Mapping[str, Column], state: Mapping[
 
 def _unit_told(table: Table, name: str) -> str | None:
     """The unit that a column's header or the row of units tells for certain."""
-    header = told(name, table.units.get(name))
+    header = parse_header(name, table.units.get(name))
     sure = header.unit and (header.sure or not unsure(header.unit)) and parse(header.unit) is not None
     return header.unit if sure else None
 
@@ -214,7 +214,7 @@ def _column(table: Table, column: Column, to: str, where: str) -> np.ndarray:
 
 def _refuse_another_unit(table: Table, name: str, to: str, place: str) -> None:
     """Numbers whose header tells another unit than the one that they would be taken for."""
-    header = told(name, table.units.get(name))
+    header = parse_header(name, table.units.get(name))
     if not header.unit or not to or not (header.sure or not unsure(header.unit)):
         return
     unit, own = parse(header.unit), parse(to)

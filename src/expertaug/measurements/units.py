@@ -347,7 +347,7 @@ _IN = re.compile(r"^(.*\S)\s+in\s+(\S+)$", re.IGNORECASE)
 _AFTER_IN = re.compile(r"^(.+)[_.]in[_.](.+)$", re.IGNORECASE)
 
 
-def told(header: str, row: str | None = None) -> Told:
+def parse_header(header: str, row: str | None = None) -> Told:
     """Name and unit of a column's header, and of its cell in a row of units where the file has one."""
     inside = _of_header(header.strip())
     if row is not None and row.strip().strip("-–[]() "):

@@ -98,10 +98,10 @@ def settings_of(model: Path, source: Path | None) -> MeasurementSettings | None:
         reports = [path for path in near if path.is_file()]
         return _kept(reports[0]) if reports else None
     if source.suffix == ".json":
-        found = _kept(source)
-        if found is None:
+        settings = _kept(source)
+        if settings is None:
             raise InputError(source, f"has no key {KEPT}", "give splits.json of a run's data, or its configuration")
-        return found
+        return settings
     try:
         config = yaml.safe_load(source.read_text(encoding="utf-8"))
         experiments = [
@@ -112,8 +112,8 @@ def settings_of(model: Path, source: Path | None) -> MeasurementSettings | None:
     except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
         raise InputError(source, f"no configuration ({error})", "give splits.json of a run's data") from error
     if len(experiments) != 1:
-        found = f"{len(experiments)} experiments have measurements in files"
-        raise InputError(source, found, "give splits.json of the run's data")
+        problem = f"{len(experiments)} experiments have measurements in files"
+        raise InputError(source, problem, "give splits.json of the run's data")
     return MeasurementSettings.from_mapping(experiments[0])
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 from expertaug.errors import InputError
 from expertaug.models.card import ModelCard
 from expertaug.registry import Part, find
+from expertaug.wording import suggest
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -121,8 +122,9 @@ def estimator(kind: str, where: str = "kind", classes: Classes | None = None) ->
     if kind in ESTIMATORS:
         return ESTIMATORS[kind]
     if ":" not in kind:
-        names = ", ".join(ESTIMATORS)
-        raise InputError(where, f"'{kind}' is no {ESTIMATOR.name}", f"known: {names}, or package.module:Class")
+        raise InputError(
+            where, f"'{kind}' is no {ESTIMATOR.name}", f"{suggest(kind, ESTIMATORS)}, or package.module:Class"
+        )
     return (classes or {}).get(kind) or find(ESTIMATOR, kind, where)  # type: ignore[return-value]
 
 

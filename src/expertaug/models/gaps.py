@@ -16,6 +16,7 @@ from expertaug.errors import InputError
 from expertaug.models.networks.layers import MLP
 from expertaug.systems import System
 from expertaug.windows import Windows, fill
+from expertaug.wording import check_keys
 
 LAYERS = (64, 64)  # of the network that estimates first points
 
@@ -79,9 +80,7 @@ def ranges_of(
     Raises:
         InputError: a range of what the state does not have.
     """
-    for name in start:
-        if name not in names:
-            raise InputError(f"start.{name}", "is no component of the state", f"known: {', '.join(names)}")
+    check_keys(start, names, "start", "component of the state")
     ranges = {name: [float(v) for v in start[name]] for name in start}
     for name, least, greatest in zip(names, low, high, strict=True):
         if name not in ranges and least <= greatest:

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.models.card import ModelCard
 from expertaug.systems import System
+from expertaug.wording import check_keys
 
 ESTIMATED = "estimated"
 NoiseLike = float | Sequence[float]  # of all components, or of each
@@ -36,9 +37,7 @@ def noise_of(noise: GivenNoise, system: System, card: ModelCard) -> NoiseLike:
             raise InputError("noise", "estimated, but the training set does not say it", "give a number")
         return [float(value) for value in estimated]
     assert isinstance(noise, Mapping)
-    for name in noise:
-        if name not in names:
-            raise InputError(f"noise.{name}", "is no component of the state", f"known: {', '.join(names)}")
+    check_keys(noise, names, "noise", "component of the state")
     return [float(noise.get(name, 0.0)) for name in names]
 
 
@@ -47,7 +46,7 @@ def is_some(noise: NoiseLike) -> bool:
     return noise > 0 if isinstance(noise, int | float) else any(value > 0 for value in noise)
 
 
-def shaped(noise: NoiseLike, y: Tensor, system: System) -> Tensor | float:
+def shape_as_state(noise: NoiseLike, y: Tensor, system: System) -> Tensor | float:
     """Noise as a factor of states y (…, *state)."""
     if isinstance(noise, int | float):
         return noise

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from expertaug.errors import InputError
 from expertaug.models.settings import SensorConstants
 from expertaug.systems import System
+from expertaug.wording import check_keys
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,4 @@ def check_components(system: System, names: Mapping[str, object]) -> None:
     Raises:
         InputError: which one, and those that there are.
     """
-    components = [p.name for p in system.state]
-    for name in names:
-        if name not in components:
-            raise InputError(f"sensors.{name}", "is no component of the state", f"known: {', '.join(components)}")
+    check_keys(names, [p.name for p in system.state], "sensors", "component of the state")

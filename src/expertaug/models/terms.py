@@ -205,7 +205,7 @@ def _latex(node: ast.AST, outer: int = 0) -> str:
     return rf"\left({text}\right)" if own < outer else text
 
 
-def rounded(value: float, error: float = math.nan) -> str:
+def round_to_error(value: float, error: float = math.nan) -> str:
     """A number to two digits of its error, or to four of its own."""
     if not math.isfinite(value):
         return "nan"

@@ -191,10 +191,11 @@ class Study(StudyStage):
     @classmethod
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
         from expertaug.config import jobs
+        from expertaug.evaluation.products import STUDIES
 
         if study not in jobs.studies(files.config, experiment):
             return []
-        if study == "during_training":  # scores of one method's models along its training
+        if next(kind.along for kind in STUDIES if kind.name == study):  # scores of one method's models
             return files.of_versions(experiment, files.followed(experiment), "during_training.csv")
         return files.of_versions(experiment, jobs.studied(files.config, experiment, study), *EVALUATED)
 

@@ -52,7 +52,7 @@ def load(settings: SystemSettings | Mapping[str, Any]) -> System:
     accepted = registry.arguments(cls)
     for key in arguments:
         if accepted is not None and key not in accepted:
-            raise InputError(f"system.{key}", f"unknown to {name}", f"known: {', '.join(accepted) or 'none'}")
+            raise InputError(f"system.{key}", f"unknown to {name}", suggest(key, accepted))
     if inspect.isabstract(cls):
         missing = ", ".join(sorted(cls.__abstractmethods__))
         raise InputError("system.name", f"the class {cls.__name__} does not define {missing}", "a System needs it")
@@ -75,7 +75,7 @@ def _class(name: str) -> type[System]:
     elif not wanted and "." not in path:
         remedy = f"{suggest(name, SYSTEMS)}; or a dotted path, or module:Class"
         raise InputError("system.name", f"no system {name!r}", remedy)
-    module = registry.imported(path, "system.name")
+    module = registry.import_named(path, "system.name")
     classes = {
         c.__name__: c
         for _, c in inspect.getmembers(module, inspect.isclass)

@@ -51,7 +51,7 @@ from expertaug_recordings.angles.smoothing import (
     Motion,
     Smoothing,
     Window,
-    filled,
+    fill_errors,
     longest_window,
     smooth_motion,
     window_frames,
@@ -107,7 +107,7 @@ def with_errors(motion: Motion, error: np.ndarray, order: int, rate: float) -> M
         order: of the smoothing polynomials.
         rate: frames per second.
     """
-    std, error = motion.std.copy(), filled(error)
+    std, error = motion.std.copy(), fill_errors(error)
     std[:, :2] = np.hypot(std[:, :2], error)
     for reach in np.unique(motion.reach):
         window = Window(reach, 2 * reach, -1) if reach else Window(order // 2 + 1, order, -1)
@@ -318,7 +318,7 @@ def _explained(
     seen = np.where(good[:, None], motion.raw, np.nan)
     angle_std = np.broadcast_to(noise.std, seen.shape)
     if markers.interpolation is not None:
-        angle_std = np.hypot(angle_std, filled(markers.interpolation))
+        angle_std = np.hypot(angle_std, fill_errors(markers.interpolation))
         motion = with_errors(motion, markers.interpolation, how.order, rate)
     return motion, quality, reason, implied, misfit(seen, motion.y, angle_std, implied.fit, rate, job.single)
 

@@ -191,7 +191,7 @@ class Motion:
     outlier: np.ndarray
 
 
-def filled(error: np.ndarray) -> np.ndarray:
+def fill_errors(error: np.ndarray) -> np.ndarray:
     """Errors (n, 2) with the largest of them where nothing is known."""
     finite = np.isfinite(error)
     return np.where(finite, error, error[finite].max(initial=0.0))

@@ -249,7 +249,7 @@ def _with_spots(frame: np.ndarray, width: int, number: int, spots: Sequence[Spot
 
 def _small(frame: np.ndarray, width: int) -> tuple[np.ndarray, float]:
     factor = width / frame.shape[1]
-    return drawing.scaled(frame, factor), factor
+    return drawing.resize(frame, factor), factor
 
 
 def draw_sheet(looks: Sequence[Look]) -> np.ndarray:

@@ -29,6 +29,10 @@ from expertaug_recordings.video.source import open_frames
 
 RANGE_DEG = 25.0  # half a proposed range of hues, or less where markers are nearer to each other
 RANGE_STRENGTH = 0.5  # share of a marker's saturation and value below which a colour is not taken for its
+MIDDLE_FRAMES, SECONDS = 300, 2.0  # from the middle of a video: so many frames, or seconds where that is more
+FRAMES, MEMORY = 24, 2**28  # frames that are looked at, and bytes that they may take
+SHOWN = 6  # frames on the contact sheet
+MIN_SHARE = 0.5  # of the frames in which the tracker must find all markers with what is proposed
 
 
 def propose_tracking(pendulum: Pendulum) -> list[dict[str, object]]:
@@ -97,9 +101,6 @@ def _range(tint: np.ndarray, hue: float, others: Sequence[float]) -> dict[str, l
     }
 
 
-MIDDLE_FRAMES, SECONDS = 300, 2.0  # from the middle of a video: so many frames, or seconds where that is more
-
-
 def track_middle(
     path: Path, stated: StatedTimes, times: np.ndarray | None, geometry: Geometry, settings: TrackMarkersJob
 ) -> MarkerTable:
@@ -161,11 +162,6 @@ def told_by_motion(tracked: MarkerTable, even: bool, single: bool) -> tuple[Grav
         return find_gravity(states, every / rate, every), view
     except InputError:
         return None, view
-
-
-FRAMES, MEMORY = 24, 2**28  # frames that are looked at, and bytes that they may take
-SHOWN = 6  # frames on the contact sheet
-MIN_SHARE = 0.5  # of the frames in which the tracker must find all markers with what is proposed
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ ROLE_COLOURS = ((80, 80, 255), (80, 220, 80), (255, 170, 60))  # B, G, R of pivo
 SHADE = (0, 0, 0)
 
 
-def fixed(points: np.ndarray) -> np.ndarray:
+def to_fixed_point(points: np.ndarray) -> np.ndarray:
     """Points (..., 2) in px as OpenCV's numbers with FRACTION bits."""
     return np.rint(np.asarray(points, float) * (1 << FRACTION)).astype(np.int32)
 
@@ -22,13 +22,13 @@ def fixed(points: np.ndarray) -> np.ndarray:
 def line(image: np.ndarray, points: np.ndarray, colour: Sequence[int], width: int = 1, shade: bool = True) -> None:
     """A line through points (n, 2) in px, on a darker one."""
     if shade:
-        cv2.polylines(image, [fixed(points)], False, SHADE, width + 2, cv2.LINE_AA, FRACTION)
-    cv2.polylines(image, [fixed(points)], False, colour, width, cv2.LINE_AA, FRACTION)
+        cv2.polylines(image, [to_fixed_point(points)], False, SHADE, width + 2, cv2.LINE_AA, FRACTION)
+    cv2.polylines(image, [to_fixed_point(points)], False, colour, width, cv2.LINE_AA, FRACTION)
 
 
 def ring(image: np.ndarray, centre: Sequence[float], radius: float, colour: Sequence[int], width: int = 1) -> None:
     """A circle in px and a small cross in its middle."""
-    x, y = fixed(centre).tolist()
+    x, y = to_fixed_point(centre).tolist()
     around = round(radius * (1 << FRACTION))
     for thick, shade in ((width + 2, SHADE), (width, colour)):
         cv2.circle(image, (x, y), around, shade, thick, cv2.LINE_AA, FRACTION)
@@ -68,7 +68,7 @@ def pendulum(image: np.ndarray, place: np.ndarray, radius: float, width: int = 1
             ring(image, centre, radius, colour, width)
 
 
-def scaled(image: np.ndarray, factor: float) -> np.ndarray:
+def resize(image: np.ndarray, factor: float) -> np.ndarray:
     """The image (H, W, 3) in another size, with a copy of its own."""
     if factor == 1:
         return image.copy()

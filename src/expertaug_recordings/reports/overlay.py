@@ -291,7 +291,7 @@ class Painter:
         """The overlay's frame (height, width, 3) of a row."""
         seen, image = self.seen, np.zeros((self.size[1], self.size[0], 3), np.uint8)
         view = image[: self.frame_size[1], : self.frame_size[0]]
-        view[:] = frame if self.factor == 1 else drawing.scaled(frame, self.factor)[: view.shape[0], : view.shape[1]]
+        view[:] = frame if self.factor == 1 else drawing.resize(frame, self.factor)[: view.shape[0], : view.shape[1]]
         quality, theta = float(seen.quality[row]), seen.theta[row]
         if quality == MEASURED:
             drawing.pendulum(view, seen.place[row] * self.factor, self.radius)

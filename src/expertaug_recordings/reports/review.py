@@ -143,7 +143,7 @@ def review_recording(
 def draw_tile(image: np.ndarray, worst: WorstFrame) -> np.ndarray:
     """A frame (height, width, 3) as the sheet shows it: small, with its markers and why it is there."""
     factor = WIDTH / image.shape[1]
-    small = drawing.scaled(image, factor)
+    small = drawing.resize(image, factor)
     drawing.pendulum(small, worst.place * factor, 8)
     words = f"frame {worst.frame}: {worst.reason or f'arms off by {worst.off:.1%}'}"
     drawing.text(small, words, (6, 16), size=0.4)

@@ -33,7 +33,7 @@ class Row(NamedTuple):
     why: str
 
 
-def chosen(long: Sequence[TabledMean], job: ReportExperiment) -> list[Row]:
+def choose_rows(long: Sequence[TabledMean], job: ReportExperiment) -> list[Row]:
     """The rows of an experiment; nothing but the validation set's log-MSE decides.
 
     Arguments:
@@ -70,7 +70,7 @@ def table(experiments: Sequence[tuple[Sequence[TabledMean], ReportExperiment]]) 
     for long, job in experiments:
         labels, scores = labels_of(long), _scores(long, job)
         rows = []
-        for row in chosen(long, job):
+        for row in choose_rows(long, job):
             shown = [_text(scores, row.method, name, job) for name in sets]
             rows.append([labels[row.method], row.why, *shown, gain(scores.get((row.method, "test"))) or DASH])
         parts.append((part(job), rows))
@@ -91,7 +91,7 @@ def part(job: ReportExperiment) -> str:
 
 def sentence(long: Sequence[TabledMean], job: ReportExperiment) -> tuple[str, str]:
     """The title of an experiment, and what its rows say."""
-    scores, labels, rows = _scores(long, job), labels_of(long), chosen(long, job)
+    scores, labels, rows = _scores(long, job), labels_of(long), choose_rows(long, job)
     title = job.of_experiment(job.name)
     best = next((row for row in rows if "best by validation" in row.why), None)
     if best is None:

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.inference.least_squares import WindowFit, estimator_of
-from expertaug.inference.levenberg_marquardt import DAMPING, adapted, cost_of, trial
+from expertaug.inference.levenberg_marquardt import DAMPING, adapt_damping, cost_of, trial
 from expertaug.inference.settings import ValiditySettings
 from expertaug.learning.optimiser import clip_each_seed
 from expertaug.models.decoder import Decoder
@@ -249,7 +249,7 @@ def _fitted(fit: WindowFit, x: Tensor, y: Tensor, how: ValiditySettings) -> tupl
         moved, cost = trial(residuals, x, damping, new.longest)
         data = new.differences(new.states(moved, y), y)
         better = cost_of(torch.cat((data.detach(), new.pull(moved)), -1)) < cost
-        x, damping = torch.where(better[..., None], moved, x), adapted(damping, better)
+        x, damping = torch.where(better[..., None], moved, x), adapt_damping(damping, better)
         each = (limit * torch.log1p(data.nan_to_num(0.0, 0.0, 0.0).square() / limit)).mean(-1)
         loss = torch.where(better, each, torch.zeros_like(each)).sum(-1) / better.sum(-1).clamp_min(1)
         if not loss.requires_grad:
@@ -263,7 +263,7 @@ def _fitted(fit: WindowFit, x: Tensor, y: Tensor, how: ValiditySettings) -> tupl
         moved, cost = trial(residuals, x, damping, new.longest)
         with torch.no_grad():
             better = cost_of(residuals(moved.unsqueeze(0), torch.arange(x.shape[1]))[0]) < cost
-        x, damping = torch.where(better[..., None], moved, x), adapted(damping, better)
+        x, damping = torch.where(better[..., None], moved, x), adapt_damping(damping, better)
     return new, x
 
 

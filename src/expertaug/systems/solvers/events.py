@@ -35,7 +35,7 @@ class Event:
     jump: Callable[[Tensor], Tensor]
 
 
-def stepped(f: SidedField, y0: Tensor, t: Tensor, event: Event) -> Tensor:
+def step_through(f: SidedField, y0: Tensor, t: Tensor, event: Event) -> Tensor:
     """States (T, …, d) at the times t (T,), by a classical Runge–Kutta step from time to time.
 
     Gradients go through the time of an event: a step of Newton's method, whose slope is held, has them.  They are those

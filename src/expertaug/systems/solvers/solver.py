@@ -13,7 +13,7 @@ from expertaug.errors import InputError, SolveError
 from expertaug.settings import complaints
 from expertaug.systems.settings import ADAMS, EVENTS, FIXED, SPLITTING, SolverSettings
 from expertaug.systems.solvers.adams import adams_bashforth
-from expertaug.systems.solvers.events import Event, stepped
+from expertaug.systems.solvers.events import Event, step_through
 from expertaug.systems.solvers.implicit import SCIPY, by_scipy, rodas3
 from expertaug.systems.solvers.linear_propagator import Propagator, Propagators, lawson4_step
 from expertaug.systems.solvers.odeint import odeint, on_grid
@@ -91,7 +91,7 @@ class Solver(SolverSettings):
                 share = torch.arange(self.substeps).to(t) / self.substeps
                 grid = torch.cat(((t[:-1, None] + t.diff()[:, None] * share).flatten(), t[-1:]))
             if event is not None:
-                return stepped(f, y0, grid.to(y0.device, non_blocking=True), event)[:: self.substeps]
+                return step_through(f, y0, grid.to(y0.device, non_blocking=True), event)[:: self.substeps]
             if self.method == "rodas3":
                 return rodas3(f, y0, grid.to(y0.device, non_blocking=True), rank)[:: self.substeps]
             if self.method == "lawson4" or (self.splits and kinks):
