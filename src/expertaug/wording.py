@@ -101,9 +101,11 @@ def unknown_one(name: str, candidates: Iterable[str], where: str, what: str) -> 
 
 def unknown_keys(used: Iterable[str], candidates: Iterable[str] | None, where: str, what: str) -> Iterator[InputError]:
     """Keys that are none of the known names; nothing where those are not known."""
-    candidates = None if candidates is None else list(candidates)
-    for name in used if candidates is not None else ():
-        yield from unknown_one(name, candidates, f"{where}.{name}", what)
+    if candidates is None:
+        return
+    names = list(candidates)
+    for name in used:
+        yield from unknown_one(name, names, f"{where}.{name}", what)
 
 
 def check_keys(used: Iterable[str], candidates: Iterable[str], where: str, what: str) -> None:
