@@ -103,9 +103,9 @@ def unknown_keys(used: Iterable[str], candidates: Iterable[str] | None, where: s
     """Keys that are none of the known names; nothing where those are not known."""
     if candidates is None:
         return
-    candidates = list(candidates)
+    names = list(candidates)
     for name in used:
-        yield from unknown_one(name, candidates, f"{where}.{name}", what)
+        yield from unknown_one(name, names, f"{where}.{name}", what)
 
 
 def check_keys(used: Iterable[str], candidates: Iterable[str], where: str, what: str) -> None:
