@@ -121,6 +121,10 @@ def test_a_file_without_a_digest_is_refused(tmp_path):
             DESCRIPTION | {"model": DESCRIPTION["model"] | {"encoder": {"kind": "recurrent", "hidden": 3}}},
             "other layers",
         ),
+        (
+            DESCRIPTION | {"training": {"supervision_wieght": 1.0}},
+            "training.supervision_wieght: .*did you mean 'supervision_weight'",
+        ),
         (DESCRIPTION | {"state": [["x", "m"]]}, "was made with state .*the system now has .*theta"),
     ],
 )

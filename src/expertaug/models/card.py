@@ -18,7 +18,8 @@ Names = list[list[str]]
 
 
 class TrainingRecord(Settings):
-    """How a model was trained: what those who use it ask for, and whatever else its training was told."""
+    """How a model was trained: what those who use it ask for, and what else its training was told
+    (:attr:`~expertaug.models.estimators.EstimatorKind.training`)."""
 
     model_config = ConfigDict(extra="allow")
 

@@ -18,7 +18,7 @@ from expertaug.models.tensor_file import read_tensors, write_tensors
 from expertaug.systems import System
 from expertaug.systems.settings import ADAMS, EVENTS, SolverSettings
 from expertaug.systems.solvers.solver import Solver
-from expertaug.wording import show, suggest
+from expertaug.wording import check_keys, show, suggest
 
 __all__ = ["StoredModel", "load", "read_tensors", "restore", "save", "write_tensors"]
 
@@ -132,6 +132,7 @@ def card_of(path: str | Path, header: Mapping[str, Any]) -> ModelCard:
         kind = ESTIMATORS.get(card.kind, EstimatorKind)
         if missing := [key for key in kind.needs if getattr(card, key) is None]:
             raise InputError(missing[0], "missing", f"a {card.kind}'s card has {', '.join(kind.needs)}")
+        check_keys(card.training.model_extra or {}, kind.training_keys(), "training", "setting of a training")
     except InputError as error:
         raise InputError(path, f"describes no model ({error})", "make it again with its stage") from error
     return card
