@@ -137,6 +137,14 @@ def test_a_header_that_makes_no_model_is_one_line(tmp_path, header, expected):
     assert "\n" not in str(caught.value)
 
 
+def test_what_stands_beside_a_model_has_the_record_of_its_training(tmp_path):
+    base = DESCRIPTION | {"kind": "alternating", "training": {"train_samples": 40}}
+    beside = base | {"kind": "flow", "flow": {}, "prior": {}, "base": base}
+    assert store.card_of(tmp_path / "m", beside).training.model_extra == {"train_samples": 40}
+    with pytest.raises(InputError, match=r"training\.train_samples: 'train_samples' is no setting of a training"):
+        store.card_of(tmp_path / "m", DESCRIPTION | {"training": {"train_samples": 40}})
+
+
 def other_values(value):
     """What a forger may write instead of a value."""
     yield from (None, [], {}, "", -1, 1e30, True, [None], [[1]], {"a": 1})
