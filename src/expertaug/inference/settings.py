@@ -16,6 +16,7 @@ from expertaug.learning.settings import (
     UntrainedOptions,
     WindowKeys,
 )
+from expertaug.models.estimators import Alternating
 from expertaug.models.settings import Hidden, Refinement, RefinementSettings, Width
 from expertaug.settings import (
     LEFT_OUT,
@@ -166,6 +167,9 @@ class AlternatingSettings(Settings):
         LEFT_OUT, "end of the part of a training trajectory that is fitted; left out = data.t1_s", "s"
     )
     solver: SolverSettings = key(LEFT_OUT, "solver for the differential equation in training; left out = its defaults")
+
+
+Alternating.training = AlternatingSettings
 
 
 class AlternateOptions(DataOptions):

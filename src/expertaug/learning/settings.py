@@ -181,6 +181,9 @@ class TrainSettings(Settings):
         return horizon if step + 1 >= growing else max(2, math.ceil(horizon * (step + 1) / growing))
 
 
+EstimatorKind.training = TrainSettings
+
+
 def one_cycle(step: int, steps: int, warmup: float) -> float:
     """Share of the peak's learning rate in step ``step`` of ``steps``: a linear warm-up, then a cosine to zero."""
     warm = max(warmup * steps, 1)

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from expertaug.errors import InputError
 from expertaug.models.card import ModelCard
-from expertaug.registry import Part, find, import_named
+from expertaug.registry import Part, find
+from expertaug.settings import Settings
 from expertaug.wording import suggest
 
 if TYPE_CHECKING:
@@ -40,7 +41,8 @@ class EstimatorKind:
         shares: whether expert parameters that the configuration calls shared are fitted once, to all training windows
             together; otherwise each window has its own.
         fixed_times: whether it forecasts at the times of its training alone.
-        training: class of the settings that its training is told, ``module:Class``; not loaded here.
+        training: class of the settings that its training is told, as the module that defines them says; None: it is not
+            loaded.
         needs: keys that its card must have.
         base: beginning of the names of the tensors of the model that it stands beside (:attr:`ModelCard.base`); empty:
             it stands alone.
@@ -56,7 +58,7 @@ class EstimatorKind:
     fits_windows: ClassVar[bool] = False
     shares: ClassVar[bool] = False
     fixed_times: ClassVar[bool] = False
-    training: ClassVar[str] = "expertaug.learning.settings:TrainSettings"
+    training: ClassVar[type[Settings] | None] = None
     needs: ClassVar[tuple[str, ...]] = ()
     base: ClassVar[str] = ""
 
@@ -64,12 +66,6 @@ class EstimatorKind:
     def trains(cls) -> bool:
         """Whether gradient steps train it."""
         return bool(cls.parts)
-
-    @classmethod
-    def training_keys(cls) -> list[str]:
-        """Keys of the settings that its training is told, which its card's record of it may have."""
-        module, _, name = cls.training.partition(":")
-        return list(getattr(import_named(module, "training"), name).model_fields)
 
     @classmethod
     def is_classical(cls) -> bool:
@@ -184,7 +180,7 @@ class Alternating(EstimatorKind):
     name = "alternating"
     summary = "an expert and an interaction model, learned from fits to each window, without an encoder"
     stage = "alternate"
-    training = "expertaug.inference.settings:AlternatingSettings"
+    training = None
     parts = ("interaction",)
     has_expert = fits_windows = True
 

@@ -133,7 +133,8 @@ def card_of(path: str | Path, header: Mapping[str, Any]) -> ModelCard:
         if missing := [key for key in kind.needs if getattr(card, key) is None]:
             raise InputError(missing[0], "missing", f"a {card.kind}'s card has {', '.join(kind.needs)}")
         trained = kind if card.base is None else ESTIMATORS.get(card.base.kind, EstimatorKind)
-        check_keys(card.training.model_extra or {}, trained.training_keys(), "training", "setting of a training")
+        if trained.training is not None:
+            check_keys(card.training.model_extra or {}, trained.training.model_fields, "training", "setting of it")
     except InputError as error:
         raise InputError(path, f"describes no model ({error})", "make it again with its stage") from error
     return card
