@@ -136,7 +136,8 @@ def test_supervision_of_z_a_holds_the_encoder_to_it(trained, data, tmp_path, set
 def test_a_fine_tuning_refuses_names_that_it_does_not_know(trained, data, tmp_path, settings, over, says):
     augmented(trained, data, tmp_path, settings)
     with pytest.raises(InputError, match=re.escape(says)):
-        finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", settings | over, None)
+        job = of_kind(FinetuneJob, settings, **over)
+        finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", job, None)
     assert not (tmp_path / "p.st").exists()
 
 

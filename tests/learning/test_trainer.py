@@ -205,7 +205,7 @@ def test_the_expert_is_alone_first(data, tmp_path, settings, monkeypatch):
 )
 def test_a_name_that_the_system_has_not_is_refused_before_a_training(data, tmp_path, settings, over, says):
     with pytest.raises(InputError, match=re.escape(says)):
-        run(data, tmp_path, settings | over)
+        run(data, tmp_path, but(settings, **over))
     assert not (tmp_path / "model.safetensors").exists()
 
 

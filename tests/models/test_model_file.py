@@ -140,7 +140,7 @@ def test_a_header_that_makes_no_model_is_one_line(tmp_path, header, expected):
 
 def test_what_stands_beside_a_model_has_the_record_of_its_training(tmp_path):
     base = DESCRIPTION | {"kind": "alternating", "training": AlternatingSettings(train_samples=40).to_json()}
-    beside = base | {"kind": "flow", "flow": {}, "prior": {}, "base": base}
+    beside = base | {"kind": "flow", "flow": {}, "prior": {}, "noise": 0.1, "base": base}
     assert store.card_of(tmp_path / "m", beside).training.model_extra["train_samples"] == 40
     with pytest.raises(InputError, match=r"training\.train_samples: 'train_samples' is no setting of it"):
         store.card_of(tmp_path / "m", DESCRIPTION | {"training": {"train_samples": 40}})
