@@ -96,6 +96,14 @@ def test_a_seed_that_could_not_be_trained_is_not_printed(fit, sets, tmp_path, ca
     assert "left out, since they could not be trained: seeds 0" in told.err
     status, told = run(capsys, path, window(sets), tmp_path, "--seed", "0")
     assert status == 2 and "seed 0 could not be trained; it has 1" in told.err
+    replace(fit, stored=replace(fit.stored, card=fit.stored.card.but(failed=[0, 1]))).save(path)
+    status, told = run(capsys, path, window(sets), tmp_path)
+    assert status == 2 and "none of its seeds could be trained; train it again" in told.err
+
+
+def test_seeds_are_taken_by_a_place_a_slice_or_their_places(fit):
+    assert [fit[place].seeds for place in (-1, np.int64(1), slice(1), [1, 0])] == [[1], [1], [0], [1, 0]]
+    assert fit[np.int64(1)].single and not fit[[1]].single
 
 
 def test_one_seed_until_a_later_time_into_a_file(model, sets, tmp_path, capsys):

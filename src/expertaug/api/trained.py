@@ -155,11 +155,10 @@ class TrainedModel:
 
     def __getitem__(self, place: int | slice | Sequence[int]) -> TrainedModel:
         """One seed by its place in the group, or some of them by a slice or their places."""
-        every, single = range(len(self)), isinstance(place, int)
-        if isinstance(place, int):
-            chosen = [every[place]]
-        else:
-            chosen = list(every[place]) if isinstance(place, slice) else [every[k] for k in place]
+        every = range(len(self))
+        places = [every[k] for k in place] if isinstance(place, Sequence) else every[place]
+        single = isinstance(places, int)
+        chosen = [places] if single else list(places)
         if not chosen:
             raise IndexError(f"no seeds at {place}: the group has {len(self)}")
         card = self.stored.card.of_seeds(chosen)

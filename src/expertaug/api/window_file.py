@@ -67,15 +67,17 @@ def forecast_file(
     """
     trained = load(model, classes=classes)
     failed = trained.stored.failed
-    usable = [number for number in trained.seeds if number not in failed]
+    usable = {number: place for place, number in enumerate(trained.seeds) if number not in failed}
+    if not usable:
+        raise InputError(model, "none of its seeds could be trained", "train it again")
     if isinstance(seed, int):
         if seed not in usable:
             problem = f"seed {seed} could not be trained" if seed in failed else f"no seed {seed}"
             raise InputError(model, problem, f"it has {', '.join(map(str, usable))}")
-        trained = trained[trained.seeds.index(seed)]
+        trained = trained[usable[seed]]
     elif failed:
         logger.warning("%s: left out, since they could not be trained: seeds %s", model, ", ".join(map(str, failed)))
-        trained = trained[[trained.seeds.index(number) for number in usable]]
+        trained = trained[list(usable.values())]
     if refine is not None:
         if refine != "estimated" and not 0 <= float(refine) < np.inf:
             raise InputError("--refine", f"found {refine:g}", "give the noise's standard deviation, at least 0")
