@@ -125,6 +125,20 @@ def test_folders_of_tests_are_those_of_the_modules():
         assert (SOURCES / place / "__init__.py").exists(), f"tests/{folder} has no {place} to test"
 
 
+TESTED = [name for name, path in modules().items() if path.name not in ("__init__.py", "_version.py")]
+
+
+@pytest.mark.parametrize("name", TESTED)
+def test_every_module_has_a_file_of_tests_at_its_place_that_imports_it(name):
+    package, *rooms, own = name.split(".")
+    folder = Path(__file__).parent.joinpath(*(["recordings"] if package == PACKAGES[1] else []), *rooms)
+    path = folder / f"test_{own}.py"
+    assert path.is_file(), f"the tests of {name} stand in {path.relative_to(folder.parents[len(rooms)])}"
+    within = [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.ImportFrom)]
+    taken = {node.module for node in within} | {f"{n.module}.{alias.name}" for n in within for alias in n.names}
+    assert name in taken, f"{path.name} imports nothing of {name}"
+
+
 def test_what_selects_passes_has_a_name_of_its_own():
     told = [*modules().values(), SOURCES.parent / "config" / "README.md", *(SOURCES.parent / "docs").glob("*.md")]
     assert not [str(path) for path in told if "validation log-MSE" in path.read_text(encoding="utf-8")]
