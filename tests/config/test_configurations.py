@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from expertaug import presets, systems
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
 from expertaug.config.load import completed
@@ -69,18 +68,6 @@ def test_nothing_of_the_default_sizes_is_left_in_the_papers(
         assert stage["horizon_warmup"] == stage["expert_first"] == 0.0
     interaction = stage_settings.train(paper, experiment, method, group)["model"]["interaction"]
     assert (interaction.get("start", 1.0), interaction.get("components")) == (1.0, None)
-
-
-@pytest.mark.parametrize("preset", presets.NAMES)
-@pytest.mark.parametrize("one", presets.SIMULATED, ids=lambda one: f"{one.experiment}.{one.key}")
-def test_the_table_of_presets_says_what_is_simulated(one, preset):
-    complete = config.validate(config.merge(config.load([FOLDER / "config.yaml"]), {"preset": preset}))
-    value = complete.experiments[one.experiment].dump()
-    *above, last = one.key.split(".")
-    for part in above:
-        value = value[part]
-    found = getattr(systems.load(value), last) if above == ["system"] else value[last]
-    assert found == getattr(one, preset)
 
 
 @pytest.mark.parametrize("preset", ["corrected", "paper", "code"])

@@ -3,37 +3,26 @@
 from __future__ import annotations
 
 import inspect
-import sys
-from pathlib import Path
 
 import pytest
 import yaml
 
 from expertaug import registry, systems
 from expertaug.config import load as config
-from expertaug.config import stage_settings
-from expertaug.errors import InputError, lines
+from expertaug.config import options
 from expertaug.learning.settings import ALL_PARTS, OBJECTIVES
 from expertaug.models.settings import ENCODERS, INTERACTIONS
 from expertaug.settings import is_left_out
 from expertaug.systems.settings import SYSTEMS
+from shipped import PENDULUM, default, refusals
 
 KINDS = {"encoder": ENCODERS, "interaction": INTERACTIONS, "objective": OBJECTIVES}
 GIVEN = {"system", "times", "latent", "seeds", "choices", "prior", "functions"}  # not by a configuration
-ALONE = {"experiments": {"pendulum": {"augmented": [], "augmentations": {"narrow": None, "wide": None}}}}
-PENDULUM = "experiments: {{pendulum: {{{0}}}}}"
 
 
 @pytest.fixture(scope="module")
 def base() -> dict:
-    found = config.load([Path(__file__).parents[2] / "config" / "config.yaml"])
-    return config.merge(found, {"run": ["pendulum"]})
-
-
-def refused(base: dict, text: str) -> list[str]:
-    with pytest.raises(InputError) as caught:
-        config.validate(config.merge(base, yaml.safe_load(text)))
-    return lines(caught.value)
+    return config.merge(default(), {"run": ["pendulum"]})
 
 
 @pytest.mark.parametrize(
@@ -74,7 +63,7 @@ def refused(base: dict, text: str) -> list[str]:
     ],
 )
 def test_a_wrong_option_is_one_line_before_any_job(base, over, expected):
-    found = refused(base, PENDULUM.format(over))
+    found = refusals(base, PENDULUM.format(over))
     assert len(found) == 1 and expected in found[0]
     assert found[0].startswith("experiments.pendulum.")
 
@@ -94,7 +83,7 @@ def test_other_systems_are_checked_in_the_same_way(base, over, expected):
     data = "data: {step_s: 0.1, t2_s: 1.0, sets: {train: &s {size: 1, z_e: {}}, validation: *s, test: *s}}"
     more = yaml.safe_load(f"run: [{name}]\nexperiments: {{{name}: {{{data if 'simulation' in over else ''}}}}}")
     text = yaml.safe_dump(config.merge(more, yaml.safe_load(f"experiments: {{{over}}}")))
-    assert expected in refused(base, text)[0]
+    assert expected in refusals(base, text)[0]
 
 
 @pytest.mark.parametrize("part", KINDS)
@@ -125,83 +114,22 @@ def test_systems_are_described_as_they_are(name):
     assert (type(made).truth is not systems.System.truth) == described.SIMULATED
 
 
-OWN = """
-from torch import nn
-from expertaug.models.encoders.window import WindowEncoder
-from expertaug.learning.objectives import Aphynity
+def test_what_an_objective_takes_is_known_before_it_is_made():
+    for kind, settings in OBJECTIVES.items():
+        arguments = inspect.signature(registry.find(ALL_PARTS["objective"], kind, "objective")).parameters
+        assert options.needs_prior(kind, "objective") == ("prior" in arguments)
+        assert all(options.takes_option(kind, option) for option in settings.model_fields)
+        assert not options.takes_option(kind, "no_such_option")
+    assert not options.needs_prior("aphinity", "objective"), "what it is called wrongly is told elsewhere"
+    found, errors = options.find_objective("aphinity", "here")
+    assert found is None and str(errors[0]).startswith("here: 'aphinity' is no objective; did you mean 'aphynity'?")
 
 
-class Inherits(WindowEncoder):
-    pass
-
-
-class Anything(WindowEncoder):
-    def __init__(self, system, times, **options):
-        super().__init__(system, times, {"theta": [0.0, 5.0]})
-
-
-class Typed(nn.Module):
-    def __init__(self, system, times, width: int, share: float = 0.5, name: str | None = None, flag: bool = False):
-        super().__init__()
-
-    def forward(self, observed):
-        return observed[0]
-
-class Prior(Aphynity):
-    def __init__(self, seeds, choices, prior, weight: float = 1.0, **carried):
-        super().__init__(seeds, choices, **carried)
-"""
-
-
-@pytest.fixture
-def own(tmp_path, monkeypatch):
-    (tmp_path / "own_classes.py").write_text(OWN)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "own_classes", raising=False)
-
-
-def encoder(kind: str, options: str = "") -> str:
-    return PENDULUM.format(f"methods: [aphynity], model: {{encoder: {{kind: 'own_classes:{kind}'{options}}}}}")
-
-
-def test_what_own_classes_take_is_asked_of_them(own, base):
-    for text in (
-        encoder("Inherits", ", windows: {theta: [0.0, 5.0]}, latent: 3"),
-        encoder("Anything", ", whatever: 3"),
-        encoder("Typed", ", width: 3, share: 1, name: null"),
-    ):
-        config.validate(config.merge(base, config.merge(yaml.safe_load(text), ALONE)))
-
-
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ("Typed", "encoder.width: missing; Typed needs it"),
-        ("Typed|, width: a", "encoder.width: found 'a'; give a whole number"),
-        ("Typed|, width: 1e3", "encoder.width: found '1e3', which YAML takes for a text"),
-        ("Typed|, width: 3, share: true", "encoder.share: found true; give a number"),
-        ("Typed|, width: 3, name: 4", "encoder.name: found 4; give a text or null"),
-        ("Typed|, width: 3, wdth: 4", "encoder.wdth: unknown key; did you mean 'width'?"),
-        ("Typed|, width: 3, times: 4", "encoder.times: given by the package"),
-        ("Inherits|, windows: {}, ltent: 4", "encoder.ltent: unknown key; did you mean 'latent'?"),
-        ("None", "no class 'None' in own_classes"),
-    ],
-)
-def test_what_own_classes_do_not_take_is_refused(own, base, options, expected):
-    text = config.merge(yaml.safe_load(encoder(*options.split("|"))), ALONE)
-    assert expected in refused(base, yaml.safe_dump(text))[0]
-
-
-def test_an_own_module_that_fails_is_one_line(own, base, tmp_path):
-    (tmp_path / "broken_module.py").write_text("1 / 0\n")
-    text = PENDULUM.format("model: {encoder: {kind: 'broken_module:X'}}")
-    found = refused(base, text)
-    assert len(found) == 1 and "broken_module cannot be imported (ZeroDivisionError: division by zero)" in found[0]
-
-
-def test_an_own_objective_gets_p_plus_where_it_names_it(own, base):
-    text = "methods: {mine: {kind: hybrid, label: Mine, objective: 'own_classes:Prior'}}"
-    over = {"experiments": {"pendulum": {"methods": ["mine"], "training": {"objective": {"weight": 2.0}}}}}
-    merged = config.merge(config.merge(base, yaml.safe_load(text)), config.merge(over, ALONE))
-    settings = stage_settings.train(config.validate(merged), "pendulum", "mine", "seeds_0_1_2")
-    assert settings["prior"] == {"omega0": [0.5, 3.5]} and settings["training"]["objective"]["weight"] == 2.0
+def test_an_encoder_may_see_a_systems_known_inputs():
+    driven, wrong = options.describe_system({"name": "driven_pendulum"}, "system")
+    assert not wrong and list(driven.seen) == [*driven.state, "torque"]
+    part = {"kind": "window", "windows": {"torque": [0.0, 1.0]}, "layers": [4], "latent": 1}
+    assert not list(options.check_part("encoder", part, "encoder", driven, 1.0))
+    plain, _ = options.describe_system({"name": "pendulum"}, "system")
+    (error,) = options.check_part("encoder", part, "encoder", plain, 1.0)
+    assert error.where == "encoder.windows.torque"

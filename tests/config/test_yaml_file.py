@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from expertaug.config import load as config
+from expertaug.config.yaml_file import read
 from expertaug.errors import InputError
 
 DEEP = "".join(f"{' ' * k}a:\n" for k in range(100))
@@ -38,32 +38,34 @@ def test_a_file_that_cannot_be_used_is_one_line(tmp_path, text, expected):
     path = tmp_path / "a.yaml"
     path.write_text(text)
     with pytest.raises(InputError, match=expected) as caught:
-        config.load([path])
+        read(path)
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_a_file_of_another_encoding_is_one_line(tmp_path):
     (tmp_path / "a.yaml").write_bytes("results: x".encode("utf-16"))
     with pytest.raises(InputError, match=r"a\.yaml: is not text in UTF-8 .*; save it as UTF-8"):
-        config.load([tmp_path / "a.yaml"])
+        read(tmp_path / "a.yaml")
 
 
 @pytest.mark.parametrize("name", ["none.yaml", ".", "a\0b"])
 def test_a_file_that_cannot_be_read_is_one_line(tmp_path, name):
     with pytest.raises(InputError, match="cannot be read"):
-        config.load([tmp_path / name])
-
-
-def test_files_override_what_they_include(tmp_path):
-    (tmp_path / "below").mkdir()
-    (tmp_path / "below" / "a.yaml").write_text("run: [a]\nmethods: {m: {kind: mean}}\n")
-    (tmp_path / "b.yaml").write_text("include: [below/a.yaml]\nrun: [b]\n")
-    assert config.load([tmp_path / "b.yaml"]) == {"run": ["b"], "methods": {"m": {"kind": "mean"}}}
-    (tmp_path / "below" / "a.yaml").write_text("include: [../b.yaml]\n")
-    with pytest.raises(InputError, match="files include each other"):
-        config.load([tmp_path / "b.yaml"])
+        read(tmp_path / name)
 
 
 def test_merged_keys_of_an_anchor_may_be_overridden(tmp_path):
     (tmp_path / "a.yaml").write_text("a: &a {x: 1, y: 2}\nb:\n  <<: *a\n  y: 3\n")
-    assert config.load([tmp_path / "a.yaml"])["b"] == {"x": 1, "y": 3}
+    assert read(tmp_path / "a.yaml")["b"] == {"x": 1, "y": 3}
+
+
+def test_a_file_that_is_not_yaml_is_named_with_its_line(tmp_path):
+    path = tmp_path / "a.yaml"
+    path.write_text("seeds: [1\nrun: x\n")
+    with pytest.raises(InputError, match=r"a\.yaml:2:\d+: not YAML"):
+        read(path)
+    path.write_text("- 1\n")
+    with pytest.raises(InputError, match="a configuration is a mapping"):
+        read(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        read(tmp_path / "none.yaml")
