@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import expertaug as ea
+from expertaug.api.compare import compare
 from expertaug.errors import InputError
 from expertaug.inference.diagnostics.goodness import Candidate, choose, goodness_of_fit
 from expertaug.systems import Parameter, System
@@ -56,7 +57,7 @@ def swings(alpha, n=12, seed=0, noise=0.02):
 
 @pytest.mark.parametrize(("alpha", "right"), others_slow([(0.4, "rubbed"), (0.0, "free")]))
 def test_the_right_one_of_three_is_found(alpha, right):
-    found = ea.compare(EXPERTS, swings(alpha), observed_s=4.0, noise=0.02, priors=RANGES, **HOW)
+    found = compare(EXPERTS, swings(alpha), observed_s=4.0, noise=0.02, priors=RANGES, **HOW)
     assert found.chosen == right
     assert right in found.says
     assert found.choice.goodness[right].explains
@@ -65,7 +66,7 @@ def test_the_right_one_of_three_is_found(alpha, right):
 
 
 def test_what_a_few_noisy_windows_cannot_tell_is_said():
-    found = ea.compare(EXPERTS, swings(0.02, n=3, noise=0.3), observed_s=2.0, noise=0.3, priors=RANGES, **HOW)
+    found = compare(EXPERTS, swings(0.02, n=3, noise=0.3), observed_s=2.0, noise=0.3, priors=RANGES, **HOW)
     assert found.chosen is None
     assert "do not decide between" in found.says
 
@@ -75,7 +76,7 @@ def test_all_may_be_wrong():
     data = swings(0.4)
     wrong = ("free", "linear")
     experts, priors = ({k: of[k] for k in wrong} for of in (EXPERTS, RANGES))
-    found = ea.compare(experts, data, observed_s=4.0, noise=0.02, priors=priors)
+    found = compare(experts, data, observed_s=4.0, noise=0.02, priors=priors)
     assert not any(one.explains for one in found.choice.goodness.values())
 
 
@@ -93,7 +94,7 @@ def test_all_may_be_wrong():
 def test_what_cannot_be_compared(change, says):
     asked = {"experts": EXPERTS, "observed_s": 4.0, "noise": 0.02, "priors": RANGES} | change
     with pytest.raises(InputError, match=says):
-        ea.compare(asked.pop("experts"), swings(0.1, n=2), **asked)
+        compare(asked.pop("experts"), swings(0.1, n=2), **asked)
 
 
 def test_chi2_of_the_right_model_is_seldom_held_against_it():
@@ -130,6 +131,6 @@ def test_what_was_not_measured_does_not_count():
     mask[:, 0] = True
     gaps = replace(data, y=np.where(mask, data.y, 0).astype(np.float32), mask=mask)
     ranges = {"theta": (-2.0, 2.0), "omega": (-6.0, 6.0)}
-    found = ea.compare(EXPERTS, gaps, observed_s=4.0, noise=0.02, priors=RANGES, start=ranges, **HOW)
+    found = compare(EXPERTS, gaps, observed_s=4.0, noise=0.02, priors=RANGES, start=ranges, **HOW)
     assert found.chosen == "rubbed" and found.choice.goodness["rubbed"].explains
     assert 0.8 < found.choice.goodness["rubbed"].chi2 < 1.2

@@ -65,29 +65,6 @@ def test_the_median_of_the_seeds_is_one_forecast(fit, model, sets, tmp_path, cap
     assert fit[0].forecast(sets["test"].y[:1, :11], T).median().y_std is None, "one seed is its own median"
 
 
-def test_a_median_is_trusted_where_every_seed_is_and_contains_their_spread(fit, sets):
-    refined = fit.refined(noise=0.01).forecast(sets["test"].y[:3, :11], T)
-    verdicts = np.array([[True, True, False], [True, False, False]])
-    median = replace(refined, trusted=verdicts, outside=~verdicts).median()
-    assert median.trusted.tolist() == [True, False, False] and median.outside.tolist() == [False, True, True]
-    std, z_e = (np.asarray(each["omega0"]) for each in (refined.z_e_std, refined.z_e))
-    expected = np.sqrt((std**2).mean(0) + z_e.var(0, ddof=1))
-    np.testing.assert_allclose(median.z_e_std["omega0"], expected, rtol=1e-5)
-    assert set(median.table()["doubtful"]) <= {True, False} and len(median.table()) == 3 * len(T)
-
-
-def test_a_seed_that_could_not_be_trained_has_no_part_in_a_median(fit, sets):
-    each = replace(fit.refined(noise=0.01).forecast(sets["test"].y[:3, :11], T), failed=[0])
-    median = each.median()
-    np.testing.assert_array_equal(median.y, each.y[1])
-    np.testing.assert_array_equal(median.z_e["omega0"], each.z_e["omega0"][1])
-    np.testing.assert_allclose(median.z_e_std["omega0"], each.z_e_std["omega0"][1], rtol=1e-6)
-    assert np.isnan(median.y_std).all() and len(median.table()) == 3 * len(T)
-    assert replace(fit, stored=replace(fit.stored, card=fit.stored.card.but(failed=[0]))).forecast(
-        sets["test"].y[:3, :11], T
-    ).failed == [0]
-
-
 def test_a_seed_that_could_not_be_trained_is_not_printed(fit, sets, tmp_path, capsys):
     path = tmp_path / "failed.safetensors"
     replace(fit, stored=replace(fit.stored, card=fit.stored.card.but(failed=[0]))).save(path)
@@ -99,11 +76,6 @@ def test_a_seed_that_could_not_be_trained_is_not_printed(fit, sets, tmp_path, ca
     replace(fit, stored=replace(fit.stored, card=fit.stored.card.but(failed=[0, 1]))).save(path)
     status, told = run(capsys, path, window(sets), tmp_path)
     assert status == 2 and "none of its seeds could be trained; train it again" in told.err
-
-
-def test_seeds_are_taken_by_a_place_a_slice_or_their_places(fit):
-    assert [fit[place].seeds for place in (-1, np.int64(1), slice(1), [1, 0])] == [[1], [1], [0], [1, 0]]
-    assert fit[np.int64(1)].single and not fit[[1]].single
 
 
 def test_one_seed_until_a_later_time_into_a_file(model, sets, tmp_path, capsys):

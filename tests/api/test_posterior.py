@@ -7,19 +7,20 @@ import pytest
 from small_pendulum import SHIFTED
 
 import expertaug as ea
+from expertaug.api.posterior import fit_posterior, predictive
 
 TINY = {"steps": 60, "batch_size": 32, "pool": 128, "held_out": 64, "samples": 15}
 
 
 @pytest.fixture(scope="module")
 def flow(sets, fit):
-    return ea.fit_posterior(fit, sets["train"], prior=SHIFTED, noise=0.01, **TINY)
+    return fit_posterior(fit, sets["train"], prior=SHIFTED, noise=0.01, **TINY)
 
 
 def test_it_forecasts_with_bands(sets, flow):
     data = sets["test"]
     window = data.y[:, : flow.observed]
-    found = ea.predictive(flow, window, data.t, draws=19)
+    found = predictive(flow, window, data.t, draws=19)
     assert found.mean.shape == data.y.shape and found.quantiles.shape == (3, *data.y.shape)
     assert found.z_e["omega0"].shape == (38, len(data))
     low, middle, high = found.quantiles
@@ -32,7 +33,7 @@ def test_it_forecasts_with_bands(sets, flow):
 def test_seeds_make_one_posterior_together(sets, flow):
     data = sets["test"]
     window = data.y[:3, : flow.observed]
-    each, both = (ea.predictive(flow, window, data.t, draws=19, pooled=pooled) for pooled in (False, True))
+    each, both = (predictive(flow, window, data.t, draws=19, pooled=pooled) for pooled in (False, True))
     assert both.mean.shape == data.y[:3].shape and both.quantiles.shape == (3, *data.y[:3].shape)
     np.testing.assert_array_equal(both.z_e["omega0"], np.concatenate(each.z_e["omega0"].swapaxes(0, 1)))
     np.testing.assert_allclose(both.mean, each.mean.mean(0), rtol=1e-4, atol=1e-5)
@@ -42,7 +43,7 @@ def test_seeds_make_one_posterior_together(sets, flow):
 
 def test_a_refined_model_has_bands_too(sets, fit):
     data = sets["test"]
-    found = ea.predictive(fit.refined(noise=0.01, steps=3), data.y[:2, :11], data.t, draws=9)
+    found = predictive(fit.refined(noise=0.01, steps=3), data.y[:2, :11], data.t, draws=9)
     assert found.quantiles.shape == (3, 2, *data.y.shape[1:]) and (found.quantiles[0] < found.quantiles[2]).any()
 
 
@@ -56,10 +57,10 @@ def test_its_file_gives_the_same_forecasts(sets, flow, tmp_path):
 def test_mistakes_are_one_line(sets, fit, flow):
     window = sets["test"].y[:, : fit.observed]
     with pytest.raises(ea.InputError, match="has no draws; give one of expertaug"):
-        ea.predictive(fit, window, sets["test"].t)
+        predictive(fit, window, sets["test"].t)
     with pytest.raises(ea.InputError, match="levels: found"):
-        ea.predictive(flow, window, sets["test"].t, levels=(0.5, 1.0))
+        predictive(flow, window, sets["test"].t, levels=(0.5, 1.0))
     with pytest.raises(ea.InputError, match=r"flow\.steps"):
-        ea.fit_posterior(fit, sets["train"], prior=SHIFTED, steps=0)
+        fit_posterior(fit, sets["train"], prior=SHIFTED, steps=0)
     with pytest.raises(ea.InputError, match="learns from a trained hybrid model"):
-        ea.fit_posterior(flow, sets["train"], prior=SHIFTED)
+        fit_posterior(flow, sets["train"], prior=SHIFTED)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import expertaug as ea
+from expertaug.api import inference
 
 RANGES = {"z_e": {"omega0": (1.5, 3.1)}, "z_a": {"alpha": (0.1, 0.6)}}
 OPTIONS = {"steps": 4, "batch_size": 20, "validate_every": 2, "refinement": {"starts": 8, "tries": 1, "steps": 4}}
@@ -21,7 +22,7 @@ def sets():
 def alternate(sets, **more):
     interaction = {"kind": "mlp", "layers": [6], "activation": "silu", "components": ["omega"]}
     given = {"observed_s": 2.0, "prior": {"omega0": (0.5, 3.5)}, "noise": 0.01, **OPTIONS, **more}
-    return ea.alternate(ea.DampedPendulum(), interaction, *sets, **given)
+    return inference.alternate(ea.DampedPendulum(), interaction, *sets, **given)
 
 
 def test_forecasts_from_fits_of_each_window(sets):

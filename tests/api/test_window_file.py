@@ -1,5 +1,7 @@
 """What the terminal says of each trajectory's forecast."""
 
+from __future__ import annotations
+
 from types import SimpleNamespace
 
 import numpy as np
