@@ -173,15 +173,6 @@ def test_a_folder_that_cannot_be_written_is_one_line(tmp_path, capsys):
     assert len(lines) == 2 and all("cannot be written" in line for line in lines)
 
 
-def test_validate(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(ROOT)
-    assert run("validate", "config/config.yaml", "config/smoke.yaml") == 0
-    bad = tmp_path / "bad.yaml"
-    bad.write_text("seeds: [one]\n")
-    assert run("validate", "config/config.yaml", bad) == 2
-    assert "seeds[0]: found 'one'; give a whole number" in capsys.readouterr().err
-
-
 def test_tracking_store_is_prepared_or_switched_off(tmp_path, monkeypatch):
     monkeypatch.setattr(store, "connect", lambda uri, experiment, prepare: (None, f"id of {experiment}"))
     output = tmp_path / "tracking.json"

@@ -15,7 +15,6 @@ import pytest
 from packaging.metadata import Metadata
 
 import expertaug
-from expertaug.commands import parse, workflow
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("src", "workflow", "config", "profiles")
@@ -94,12 +93,3 @@ def test_the_version_is_one_number():
     cited = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M)
     newest = re.search(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M)
     assert cited and newest and said == expertaug.__version__ == cited[1] == newest[1]
-
-
-def test_arguments_go_to_snakemake_as_they_are(tmp_path):
-    arguments = ["--cores", "2", "-n", "--configfile", "config/smoke.yaml", "--", "tabulate"]
-    found = workflow.command(ROOT, parse(["run", *arguments]).rest)
-    assert found[-7:-1] == arguments[:-1] and found[-1] == "tabulate"
-    assert f"--workflow-profile={ROOT / 'profiles/default'}" in found
-    other = workflow.command(ROOT, ["--workflow-profile", "profiles/slurm"])
-    assert other[-2:] == ["--workflow-profile", "profiles/slurm"] and len(other) == 7

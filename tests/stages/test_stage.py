@@ -1,0 +1,72 @@
+"""A stage reads its settings before it runs, and knows the files that it is made of."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+import pytest
+
+from expertaug import source_files
+from expertaug.equation.settings import EquationSettings
+from expertaug.errors import InputErrors, lines
+from expertaug.stages.stage import Stage, StageWithPrior, to_json
+
+
+class Sweep(Stage):
+    """sweep the
+    floor"""
+
+    name = "sweep-floor"
+    code = "expertaug.wording"
+    job = "expertaug.equation.settings:EquationSettings"
+    given: list = []  # noqa: RUF012
+
+    @staticmethod
+    def run(a, job):
+        Sweep.given.append(job)
+
+
+class Draw(StageWithPrior):
+    """draw"""
+
+    name = "draw"
+    job = "expertaug.inference.settings:OwnPriorJob"
+
+
+def test_it_is_called_after_its_name_and_its_docstring():
+    assert (Sweep.key(), Sweep.text(), Sweep.products()) == ("sweep_floor", "sweep the floor", ())
+
+
+def test_settings_are_checked_before_it_runs():
+    Sweep.given.clear()
+    with pytest.raises(InputErrors) as caught:
+        Sweep.execute(argparse.Namespace(settings='{"sample": 3, "most_terms": 0}'))
+    assert [line.partition(";")[0] for line in lines(caught.value)] == [
+        "--settings.sample: unknown key",
+        "--settings.most_terms: found 0",
+    ]
+    assert Sweep.given == []
+    Sweep.execute(argparse.Namespace(settings='{"samples": 3}'))
+    assert Sweep.given == [EquationSettings(samples=3)]
+
+
+def test_a_job_is_the_same_text_however_its_keys_are_ordered():
+    assert to_json({"b": 1, "a": {"d": 2, "c": None}}) == to_json({"a": {"c": None, "d": 2}, "b": 1})
+    assert json.loads(to_json(EquationSettings(samples=3))) == {"samples": 3}, "what was not given is not written"
+
+
+def test_found_ranges_complete_the_settings_of_a_stage_that_needs_them(tmp_path):
+    (tmp_path / "prior.json").write_text('{"ranges": {"k": [1, 2]}}')
+    given = argparse.Namespace(prior=tmp_path / "prior.json")
+    assert Draw.complete(given, {"prior": "own"}) == {"prior": {"k": [1.0, 2.0]}}
+    assert Sweep.complete(given, {"prior": "own"}) == {"prior": "own"}
+
+
+def test_its_software_changes_with_a_file_that_it_is_made_of(tmp_path, monkeypatch):
+    assert [path.name for path in Sweep.sources()] == ["__init__.py", "errors.py", "wording.py"]
+    (tmp_path / "own_broom.py").write_text("import numpy\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    digest, *packages = Sweep.software(["own_broom:Broom"])
+    assert digest != Sweep.software()[0] and digest == source_files.digest([Sweep.code, "own_broom"])
+    assert Sweep.software()[1:] == [] and [text.split()[0] for text in packages] == ["numpy"]
