@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import subprocess
 import sys
 import textwrap
@@ -105,3 +106,12 @@ WORKER = """
 def start(*arguments, code: str = WORKER, python: str = sys.executable) -> subprocess.Popen:
     command = [python, "-c", textwrap.dedent(code), repr(arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def children_of(tracking: Tracking) -> list:
+    return [run for run in runs_of(tracking) if "seed" in run.data.tags]
+
+
+def told(caplog) -> list[str]:
+    """Warnings; what is only progress depends on the level that other tests have set."""
+    return [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
