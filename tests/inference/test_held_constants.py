@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from test_shared import END, EXPERIMENT, NOISE, Rubbed, T, swings
+from rubbed_pendulum import END, EXPERIMENT, NOISE, Rubbed, T, swings
 
 import expertaug as ea
 from expertaug.cli import main
