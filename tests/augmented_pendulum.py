@@ -12,11 +12,7 @@ from expertaug.learning.train import run_stage as train
 from tiny import PRIOR, SETTINGS, but, of_kind
 
 CPU = torch.device("cpu")
-
-
 PLUS = {"method": "aphynity+", "label": "APHYNITY+"}
-
-
 TIMES = torch.arange(31) * 0.1
 
 

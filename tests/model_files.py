@@ -8,8 +8,6 @@ from expertaug.models.estimators import Hybrid
 from expertaug.systems.pendulum import DampedPendulum
 
 PENDULUM = DampedPendulum()
-
-
 CARD = ModelCard(
     kind="hybrid",
     system={"name": "pendulum"},

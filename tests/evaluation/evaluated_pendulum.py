@@ -14,25 +14,15 @@ from expertaug.systems.settings import SimulatedData
 from tiny import but, of_kind
 
 SETS = dict.fromkeys(("train", "validation", "iid", "test"), tiny.swings(12))
-
-
 DATA = SimulatedData(seed=0, step_s=0.1, t2_s=2.0, noise=0.0, sets=SETS)
-
-
 SEEDS = [4, 7]
-
-
 ENCODER, INTERACTION = {"kind": "recurrent", "hidden": 4, "layers": [4]}, {"kind": "mlp", "layers": [4, 4]}
-
-
 TRAINING = but(
     tiny.SETTINGS,
     seeds=SEEDS,
     model=PartsSettings(encoder=ENCODER, interaction=INTERACTION),
     training=TrainSettings(epochs=1, batch_size=6),
 )
-
-
 MEAN = of_kind(
     UntrainedJob,
     TRAINING,

@@ -10,11 +10,7 @@ from expertaug.evaluation.forecasts import Forecasts, SetForecasts, VersionKey
 from expertaug.evaluation.settings import WindowStudyJob
 
 N = 400
-
-
 RANGE = {"omega0": [1.5, 3.1]}
-
-
 LABELS = [("a", "A"), ("a+~flow", "A+ flow")]
 
 

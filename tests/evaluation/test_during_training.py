@@ -1,19 +1,45 @@
-"""The stage during-training: each snapshot is scored, fine-tuned and stored."""
+"""The study during training: each snapshot is scored, fine-tuned and stored."""
 
 from __future__ import annotations
 
 import pandas as pd
 import pytest
 
+from expertaug.evaluation import during_training as following
 from expertaug.evaluation.during_training import run_stage as during_training
+from expertaug.evaluation.settings import DuringTrainingJob, ForecastScoring
 from expertaug.learning import finetune, snapshots
+from expertaug.learning.during_training import ModelState, Steps, states
+from expertaug.learning.settings import AugmentJob, FinetuneJob, TrainSettings
 from expertaug.learning.train import run_stage as train
 from expertaug.rows import frame
 from expertaug.tracking.log import read_log
 from expertaug.tracking.metrics_csv import MetricRow
 from expertaug.tracking.settings import Tracking
-from studied_training import in_memory, run, study_of
-from tiny import but
+from expertaug.trajectories import Trajectories
+from studied_training import CPU, run
+from tiny import PRIOR, but, of_kind
+
+
+def study_of(settings):
+    training = TrainSettings(epochs=9, batch_size=20)
+    return of_kind(
+        DuringTrainingJob,
+        settings,
+        augment=of_kind(AugmentJob, settings, method="aphynity+", prior=PRIOR, noise=0.01),
+        finetune=of_kind(FinetuneJob, settings, method="aphynity+", label="APHYNITY+", training=training),
+        finetune_epochs=[1, 2],
+        evaluation=ForecastScoring(max_samples=7),
+    )
+
+
+def in_memory(snapshots_file, data, settings):
+    """The rows of a study's job, without a file of its own."""
+    trained = [ModelState(k, 0, stored) for k, stored in snapshots.load(snapshots_file, CPU).items()]
+    sets = {name: Trajectories.load(data / f"{name}.npz") for name in ("train", "validation", "test")}
+    steps = Steps(sets["train"], sets["validation"])
+    models = states(trained, steps, settings.augment, settings.finetune, settings.finetune_epochs)
+    return following.during_training(models, sets, settings)
 
 
 @pytest.mark.slow
@@ -84,3 +110,13 @@ def test_a_block_is_a_run_of_each_seed_below_its_method(data, tmp_path, settings
                 history = client.get_metric_history(one.info.run_id, f"{name}/log_mse_sum{end}")
                 scores = table[seed, name, "log_mse_sum", count].to_dict()
                 assert {metric.step: metric.value for metric in history} == pytest.approx(scores)
+
+
+def test_the_study_is_a_call_in_memory(data, tmp_path, settings, monkeypatch):
+    run(data, tmp_path, but(settings, snapshots=[1]))
+    before = sorted(tmp_path.rglob("*"))
+    monkeypatch.chdir(tmp_path)
+    rows = in_memory(tmp_path / snapshots.NAME, data, but(study_of(settings), finetune_epochs=[1]))
+    scores = {(row.set, row.seed, row.finetune_epochs): row.value for row in rows if row.metric == "log_mse_sum"}
+    assert len(scores) == 3 * 2 * 2 == len(set(scores.values())) and {row.epoch for row in rows} == {1}
+    assert sorted(tmp_path.rglob("*")) == before

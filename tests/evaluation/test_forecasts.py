@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-import pytest
+from dataclasses import replace
 
-from expertaug.evaluation.forecasts import constants_of
+import numpy as np
+import pytest
+from fake_windows import forecasts
+
+from expertaug.errors import InputError
+from expertaug.evaluation.forecasts import Forecasts, constants_of
 from expertaug.models.settings import Constant, Population, Refinement, RefinementSettings
 
 
@@ -16,3 +21,22 @@ def test_a_spread_is_a_standard_deviation_in_the_parameters_unit(form, deviation
     refinement = Refinement.of(settings=RefinementSettings(), noise=0.1, prior=None, population=known)
     (found,) = constants_of(refinement, {"ka": "1/h"}, {})
     assert (found.value, found.spread) == (3.0, pytest.approx(deviation, rel=1e-3))
+
+
+def test_what_is_saved_is_loaded(tmp_path):
+    made = forecasts()
+    made.save(tmp_path / "forecasts.npz")
+    again = Forecasts.load(tmp_path / "forecasts.npz")
+    assert (again.version, again.seeds, again.observed, again.rank_draws) == (made.version, [0, 1], 1, 119)
+    assert again.parameter_names == made.parameter_names and set(again.sets) == set(made.sets)
+    for name, each in made.sets.items():
+        found = again.sets[name].arrays(name)
+        assert found.keys() == each.arrays(name).keys()
+        for key, values in each.arrays(name).items():
+            np.testing.assert_array_equal(found[key], values)
+
+
+def test_whose_forecasts_they_are_is_needed_where_versions_are_told_apart():
+    assert forecasts("a", "e").identified() == ("e", "corrected", "a")
+    with pytest.raises(InputError, match="make it again with evaluate"):
+        replace(forecasts(), version=None).identified()

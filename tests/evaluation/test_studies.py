@@ -1,4 +1,4 @@
-"""Tables and figures of the studies, and those over all experiments."""
+"""Tables and figures of the studies."""
 
 from __future__ import annotations
 

@@ -6,6 +6,7 @@ import pytest
 from fitted_pendulum import NOISE, PRIOR, pendulum
 from rubbing_term import Friction, stored
 
+from expertaug.errors import InputError
 from expertaug.evaluation import validity
 from expertaug.evaluation.settings import FittedVersion, ValidityJob
 from expertaug.inference.settings import ValiditySettings
@@ -35,3 +36,11 @@ def test_the_study_has_a_sentence_a_version():
     text = study.markdown()
     assert "- APHYNITY: F_a learned on omega0 in [1." in text and "holds in" in text
     assert len(study.figure().axes) == 2 and "holds in" not in study.tex()
+
+
+def test_a_version_of_which_nothing_says_how_its_windows_are_fitted_is_refused():
+    data = pendulum((1.5, 3.1), damping=(0.2, 0.5), n=2)
+    versions = [FittedVersion("aphynity", "APHYNITY", None)]
+    job = ValidityJob(experiment="pendulum", versions=versions, validity=ValiditySettings(), device="cpu")
+    with pytest.raises(InputError, match="nothing says how its windows are fitted; give settings, noise and prior"):
+        validity.validity([stored(Decoder(DampedPendulum(), Friction()), data)], {"train": data}, job)

@@ -17,11 +17,7 @@ from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.simulate import trajectories
 
 T = np.linspace(0.0, 10.0, 101)
-
-
 OBSERVED, NOISE = 51, 0.01
-
-
 PRIOR = {"omega0": (0.5, 3.5)}
 
 

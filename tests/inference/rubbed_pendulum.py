@@ -11,14 +11,8 @@ from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
 T = np.arange(61) * 0.1
-
-
 PRIOR = {"omega0": (1.0, 3.0), "alpha": (0.01, 0.5)}
-
-
 NOISE, END = 0.02, 2.0
-
-
 BOTH = {"omega0": "shared", "alpha": "shared"}
 
 

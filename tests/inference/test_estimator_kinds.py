@@ -107,7 +107,7 @@ def test_what_there_is_not_is_one_line():
         validate(configured("persistance"))
     with pytest.raises(ea.InputError, match=r"'kalman' is no kind of estimators; .*known: hybrid, alternating"):
         estimator("kalman")
-    with pytest.raises(ea.InputError, match="no class 'Kalman' in test_estimator_kinds"):
+    with pytest.raises(ea.InputError, match=rf"no class 'Kalman' in {re.escape(__name__)}; correct the name"):
         estimator(f"{__name__}:Kalman")
     with pytest.raises(ea.InputError, match="the class LastState is no EstimatorKind"):
         estimator(f"{__name__}:LastState")

@@ -1,4 +1,4 @@
-"""Posteriors by flows: a known one is found, seeds are on their own, files and checkpoints hold all of them."""
+"""Posteriors by flows: a known one is found, and files and checkpoints hold all of them."""
 
 import pytest
 import torch

@@ -16,6 +16,8 @@ from expertaug.config import load as config
 from expertaug.config import shown_settings, stage_settings
 from expertaug.errors import InputError, InputErrors
 from expertaug.evaluation.forecasts import Forecasts
+from expertaug.inference.sensed_fit import SensorCoordinates
+from expertaug.models.settings import Constant, SensorConstants
 from expertaug.systems import Parameter, System
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
@@ -232,3 +234,23 @@ def test_a_configuration_names_components_that_there_are(tmp_path):
         InputErrors, match=r"refinement\.sensors\.speed: .*no component of the state; known: theta, omega"
     ):
         configured(tmp_path, EXPERIMENT.replace("{omega: {scale", "{speed: {scale"))
+
+
+def test_coordinates_of_sensors_lead_back_to_their_constants():
+    windows = 3 * torch.randn(5, 1, 7, 2, dtype=torch.float64)
+    coordinates = SensorCoordinates.of(RUBBED, [("omega", "scale"), ("theta", "offset")], windows)
+    constants = {
+        "omega": SensorConstants.of(scale=Constant(value=SCALE, std=0.1)),
+        "theta": SensorConstants.of(offset=Constant(value=OFFSET, std=0.1)),
+    }
+    x = coordinates.coordinates(constants)
+    assert x.tolist() == pytest.approx([np.log(SCALE), OFFSET / float(windows[..., 0].std())])
+    sensors = coordinates.sensors(x)
+    assert sensors.scale.tolist() == pytest.approx([1.0, SCALE]) and sensors.offset.tolist() == [
+        pytest.approx(OFFSET),
+        0.0,
+    ]
+    again = coordinates.constants(x, torch.full((2,), 0.1, dtype=torch.float64), np.array([4, 4, 9]))
+    scale, offset = again["omega"].scale, again["theta"].offset
+    assert (scale.value, scale.std, scale.groups) == (pytest.approx(SCALE), pytest.approx(0.1 * SCALE), 2)
+    assert offset.std == pytest.approx(0.1 * float(windows[..., 0].std()))

@@ -1,4 +1,4 @@
-"""Algorithm 1: D⁺, the frozen interaction model, supervision; and the rows of the preset table."""
+"""Algorithm 1: D⁺, whose samples are the model's own; and the rows of the preset table."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -6,8 +6,6 @@ from expertaug.inference.flow import Flow
 from expertaug.models.estimators import ESTIMATORS
 
 CLASSICAL = ["least_squares", "least_squares_shared"]
-
-
 ALTERNATING = ["alternating", "alternating_shared"]
 
 
