@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import torch
 from fake_runs import loaded, method_of, pairs, rows_of, tables_of, write_forecasts, write_logs, write_metrics
-from test_windows import curves, fake
+from fake_windows import curves, fake
 
 from expertaug import plotting
 from expertaug.evaluation import dissipation, dots, estimates, grid, parameters, studies, traces, validity

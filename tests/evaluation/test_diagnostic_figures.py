@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
-from test_figures import assert_nothing_is_cut
+from whole_figures import assert_nothing_is_cut
 
 from expertaug.errors import InputError
 from expertaug.evaluation.diagnostic_figures import draw_alarm, draw_calibration

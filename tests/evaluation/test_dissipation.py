@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from rubbing_pendulum import JOB, T, asked, motion, pendulum
 from torch import nn
 
 from cards import card
@@ -19,17 +20,13 @@ from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.evaluation.dissipation import Loss, dissipated_power, draw, measured_loss
 from expertaug.evaluation.dissipation import run_stage as dissipation
-from expertaug.evaluation.settings import DissipationJob, FittedVersion
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates
-from expertaug.systems.double_pendulum import DoublePendulum, accelerations
+from expertaug.systems.double_pendulum import accelerations
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.settings import CONSERVING
 from expertaug.trajectories import Trajectories
-from expertaug_recordings.rendering.motion import simulate
-
-T = np.arange(20) / 100
 
 
 class Friction(nn.Module):
@@ -45,19 +42,6 @@ class Friction(nn.Module):
     def forward(self, y, context):
         rubbed = accelerations(y, CONSTANTS, FRICTION) - accelerations(y, CONSTANTS)
         return torch.cat((torch.zeros_like(rubbed), self.share * context * rubbed), -1)
-
-
-def motion(n=60, seed=0):
-    """Chunks (N, T, 4) of the true motion with friction, from two recordings."""
-    low, high = np.array([-2.0, -2.0, -8.0, -15.0]), np.array([2.0, 2.0, 8.0, 15.0])
-    start = np.random.default_rng(seed).uniform(low, high, size=(n, 4))
-    y = simulate(start, T, CONSTANTS, FRICTION)
-    names = np.array([f"{'ab'[k % 2]}/{k}" for k in range(n)])
-    return Trajectories(T, y, y[:, 0, 2:], id=names)
-
-
-def pendulum(**arguments):
-    return DoublePendulum("compound", CONSTANTS.to_dict(), **arguments)
 
 
 def loss(chunks):
@@ -129,14 +113,6 @@ def save(path, method, seeds=(0, 1), friction=None, name="double_pendulum"):
     described["system"] |= {} if friction is None else {"friction": list(friction)}
     store.save(path, Decoder(system), card(described))
     return path
-
-
-def asked(**versions):
-    fitted = [FittedVersion(name, label, None) for name, label in versions.items()]
-    return DissipationJob(experiment="swing", versions=fitted, hues=[("rubbing", 0), ("half", 1)], device="cpu")
-
-
-JOB = asked(rubbing="With friction", half="Half of it")
 
 
 @pytest.fixture

@@ -27,10 +27,9 @@ from expertaug.evaluation.estimates import (
     summarise,
     table,
 )
-from expertaug.evaluation.forecasts import Forecasts, SetForecasts, VersionKey, constants_of
+from expertaug.evaluation.forecasts import Forecasts, SetForecasts, VersionKey
 from expertaug.evaluation.settings import EstimatesJob
 from expertaug.models.posterior import Estimates, Gaussian, Posterior
-from expertaug.models.settings import Constant, Population, Refinement, RefinementSettings
 from expertaug.systems import Parameter
 from expertaug.versions import LINES
 
@@ -43,34 +42,10 @@ def overlapping(rng, count, width):
     return np.convolve(rng.normal(size=count + width - 1), np.ones(width) / np.sqrt(width), "valid")
 
 
-def test_values_that_agree_have_the_error_that_theirs_tell():
-    found = pool(np.array([1.0, 1.0, 1.0, 1.0]), np.array([0.2, 0.2, 0.2, 0.2]))
-    assert (found.value, found.error, found.spread, found.groups) == (1.0, pytest.approx(0.1), 0.0, 4)
-
-
-def test_what_scatters_beyond_its_errors_has_a_spread():
-    values, errors = np.array([0.0, 2.0, 4.0]), np.array([0.5, 0.5, 0.5])
-    found = pool(values, errors)
-    assert found.value == pytest.approx(2.0) and found.error == pytest.approx(2 / np.sqrt(3))
-    assert found.spread == pytest.approx(np.sqrt(4 - 0.25))  # variance of the values less that of their errors
-    alone = pool(values, None)
-    assert (alone.value, alone.error, alone.spread) == (2.0, pytest.approx(2 / np.sqrt(3)), pytest.approx(2.0))
-
-
 def test_of_one_block_many_windows_say_as_much_as_one():
     found = pool(np.full(5, 3.0), np.full(5, 0.2), np.zeros(5, dtype=int))
     assert found.error == pytest.approx(0.2) and found.groups == 1
     assert interval(found) == pytest.approx((3 - 1.645 * 0.2, 3 + 1.645 * 0.2), abs=1e-4)
-
-
-@pytest.mark.parametrize(("form", "deviation"), [("normal", 0.5), ("lognormal", 3 * 1.133 * 0.533)])
-def test_a_spread_is_a_standard_deviation_in_the_parameters_unit(form, deviation):
-    """exp(σ²/2) is 1.133 and √(exp(σ²) − 1) is .533 for σ = .5."""
-    middle, spread = Constant(value=3.0, std=0.1), Constant(value=0.5, std=0.1)
-    known = {"ka": Population(form=form, middle=middle, spread=spread, unit="trajectory")}
-    refinement = Refinement.of(settings=RefinementSettings(), noise=0.1, prior=None, population=known)
-    (found,) = constants_of(refinement, {"ka": "1/h"}, {})
-    assert (found.value, found.spread) == (3.0, pytest.approx(deviation, rel=1e-3))
 
 
 def test_an_interval_of_what_cannot_be_negative_ends_at_zero():

@@ -2,7 +2,6 @@
 
 import ast
 import itertools
-import json
 import subprocess
 import sys
 
@@ -10,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from evaluated_pendulum import DATA, asked
 
 import tiny
 from expertaug.errors import InputError, SolveError
@@ -18,68 +18,15 @@ from expertaug.evaluation import score
 from expertaug.evaluation.evaluate import run_stage as evaluate
 from expertaug.evaluation.forecasting import forecast
 from expertaug.evaluation.forecasts import Forecasts, read_forecasts
-from expertaug.evaluation.log_evaluations import run_stage as log_evaluations
 from expertaug.evaluation.samples import Samples
-from expertaug.evaluation.settings import EvaluateJob, Scoring
+from expertaug.evaluation.settings import Scoring
 from expertaug.evaluation.tabulate import run_stage as tabulate
-from expertaug.learning.settings import Build, SolverOnly, TrainSettings, UntrainedJob
-from expertaug.learning.train import run_stage as train
 from expertaug.models import store
-from expertaug.models.decoder import MeanModel
-from expertaug.models.settings import PartsSettings
-from expertaug.presets import Choices
-from expertaug.systems.reaction_diffusion import ReactionDiffusion
-from expertaug.systems.settings import SimulatedData, SolverSettings
+from expertaug.systems.settings import SolverSettings
 from expertaug.systems.solvers.solver import Solver
-from expertaug.tracking.settings import Tracking
 from expertaug.trajectories import SetFolder, Trajectories
-from expertaug.windows import Windows
 from nightly import others_slow
 from seen import seen
-from tiny import but, of_kind
-
-SETS = dict.fromkeys(("train", "validation", "iid", "test"), tiny.swings(12))
-DATA = SimulatedData(seed=0, step_s=0.1, t2_s=2.0, noise=0.0, sets=SETS)
-SEEDS = [4, 7]
-ENCODER, INTERACTION = {"kind": "recurrent", "hidden": 4, "layers": [4]}, {"kind": "mlp", "layers": [4, 4]}
-TRAINING = but(
-    tiny.SETTINGS,
-    seeds=SEEDS,
-    model=PartsSettings(encoder=ENCODER, interaction=INTERACTION),
-    training=TrainSettings(epochs=1, batch_size=6),
-)
-MEAN = of_kind(
-    UntrainedJob,
-    TRAINING,
-    method="mean",
-    label="Mean",
-    build=Build(kind="mean"),
-    model=PartsSettings(),
-    training=SolverOnly(),
-)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    folder = tiny.simulated(tmp_path_factory.mktemp("evaluate"), DATA)
-    train(folder, folder / "model.safetensors", folder / "work", TRAINING, None)
-    train(folder, folder / "mean.safetensors", folder / "work", MEAN, None)
-    agnostic = but(TRAINING, method="ml_only", label="ML only", build=Build(kind="hybrid", expert=False))
-    train(folder, folder / "ml_only.safetensors", folder / "work", agnostic, None)
-    return folder
-
-
-def asked(method="a", label="a", evaluation=None, start="y0", seeds=SEEDS, **sets):
-    return EvaluateJob(
-        experiment="pendulum",
-        method=method,
-        label=label,
-        preset="corrected",
-        choices=Choices(forecast_start=start),
-        seeds=seeds,
-        evaluation=evaluation or Scoring(),
-        **sets,
-    )
 
 
 def run(folder, model="model", start="y0", samples=2, **evaluation):
@@ -271,21 +218,6 @@ def test_a_longer_forecast_may_go_as_far_as_it_is_long(folder, monkeypatch):
     assert found == [[100.0, 50.0], [200.0, 100.0]]
 
 
-def test_the_mean_goes_on_with_the_last_one():
-    model = MeanModel(None, torch.arange(3.0)[:, None].expand(3, 2))
-    found = model.forecast(torch.zeros(4, 2), None, None, torch.arange(5.0), None)
-    assert found[:, 0, 0].tolist() == [0.0, 1.0, 2.0, 2.0, 2.0] and found.shape == (5, 4, 2)
-
-
-@pytest.mark.parametrize("count", [3, 12])
-def test_the_mean_of_fields_is_forecast_for_any_number_of_windows(count):
-    mean = torch.rand(5, 2, 8, 8)
-    observed = torch.rand(3, 2, count, 2, 8, 8)
-    windows = Windows(torch.arange(5.0), observed)
-    found = forecast(MeanModel(ReactionDiffusion(), mean), windows, Solver("rk4"), "y0", None)
-    assert torch.equal(found.states, mean[:, None, None].expand(5, 2, count, 2, 8, 8))
-
-
 def test_a_forecast_from_the_last_observed_point_shows_the_observation(folder):
     _, forecasts = run(folder, start="y_t1")
     np.testing.assert_allclose(
@@ -307,53 +239,6 @@ def test_the_same_evaluation_gives_the_same_bytes(folder):
         return [line for line in lines if "estimate_ms" not in line], (folder / "model.npz").read_bytes()
 
     assert made() == made()
-
-
-@pytest.fixture
-def evaluated(folder, tmp_path):
-    """Forecasts of two versions, each in a folder of its own as the workflow has them."""
-    found = []
-    for name in ("model", "mean"):
-        found.append(tmp_path / name / "forecasts.npz")
-        job = asked(name, name.upper())
-        evaluate(folder / f"{name}.safetensors", folder, tmp_path / name / "metrics.csv", found[-1], job)
-    return found
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("quick_stores")
-def test_figures_and_metrics_are_artifacts_of_the_tracked_runs(evaluated, tmp_path):
-    import mlflow
-
-    tracking = Tracking(enabled=True, uri=f"sqlite:///{tmp_path}/mlflow.db", experiment="test")
-    log_evaluations(evaluated[:1], tmp_path / "evaluations.json", tracking)
-    log_evaluations(evaluated, tmp_path / "evaluations.json", tracking)  # the first is not stored twice
-    assert list(json.loads((tmp_path / "evaluations.json").read_text())["stored"].values()) == [True, True]
-    client = mlflow.MlflowClient(tracking.uri)
-    experiment = client.get_experiment_by_name("test pendulum").experiment_id
-    runs = {run.info.run_id: run for run in client.search_runs([experiment])}
-    assert len(runs) == len(client.search_runs([experiment])) == 2 + 2 * len(SEEDS)
-    names = {"metrics.csv", "forecasts.png", "parameters.png"}
-    made = json.loads((tmp_path / "evaluations.json").read_text())["runs"]  # which run has the numbers of a row
-    for label in ("MODEL", "MEAN"):
-        for seed in SEEDS:
-            run = runs[made[label][str(seed)]]
-            assert {f.path for f in client.list_artifacts(run.info.run_id)} == names
-            assert "test/log_mse_sum" in run.data.metrics and run.data.tags["rule"] == "evaluate"
-            assert (run.info.run_name, run.data.tags["table"]) == (
-                f"{label} · seed {seed} · evaluate · pendulum",
-                "tables/pendulum.md",
-            )
-            assert run.info.status == "FINISHED"
-
-
-def test_a_store_that_fails_is_told_once_and_costs_no_figure(evaluated, tmp_path, caplog):
-    (tmp_path / "file").touch()
-    tracking = Tracking(enabled=True, uri=f"sqlite:///{tmp_path}/file/mlflow.db", experiment="test")
-    log_evaluations(evaluated, tmp_path / "evaluations.json", tracking)
-    assert list(json.loads((tmp_path / "evaluations.json").read_text())["stored"].values()) == [False, False]
-    assert all((path.with_name("parameters.png")).is_file() for path in evaluated)
-    assert sum("failed" in record.getMessage() for record in caplog.records) == 1
 
 
 @pytest.mark.slow

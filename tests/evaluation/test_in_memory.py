@@ -6,18 +6,17 @@ import io
 
 import numpy as np
 import pytest
+from fake_windows import SEEDS, curves, forecasts
 from matplotlib.figure import Figure
-from test_dissipation import JOB, motion, pendulum
-from test_windows import N, curves
+from rubbing_pendulum import JOB, motion, pendulum
 
 from cards import card
 from expertaug.evaluation.alarms import alarm
 from expertaug.evaluation.coverage import coverage
 from expertaug.evaluation.dissipation import dissipation
 from expertaug.evaluation.distance import distance
-from expertaug.evaluation.forecasts import Forecasts, SetForecasts, VersionKey
+from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.grid import grid
-from expertaug.evaluation.own_priors import OwnPrior, own_priors
 from expertaug.evaluation.published import compare
 from expertaug.evaluation.report.page import report
 from expertaug.evaluation.report.shown import Picture, Results, Shown
@@ -27,7 +26,6 @@ from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.settings import (
     CompareJob,
     GridJob,
-    OwnPriorsJob,
     ReportExperiment,
     ReportJob,
     StudyJob,
@@ -40,43 +38,12 @@ from expertaug.models.decoder import Decoder
 from expertaug.models.store import StoredModel
 from expertaug.tracking.metrics_csv import MetricRow
 
-SEEDS = [0, 1]
-
 
 @pytest.fixture(autouse=True)
 def no_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     yield
     assert not list(tmp_path.iterdir())
-
-
-def forecasts(method: str = "a", experiment: str = "e") -> Forecasts:
-    """Of windows whose misfit tells which forecasts fail."""
-    random, sets = np.random.default_rng(0), {}
-    for name, (low, high) in {"validation": (1.5, 3.1), "iid": (1.5, 3.1), "test": (0.5, 1.5)}.items():
-        z_e = random.uniform(low, high, (N, 1))
-        bad = 1.0 * (z_e[:, 0] < 0.8)
-        noise = random.random((len(SEEDS), N))
-        sets[name] = SetForecasts(
-            errors=1e-3 * (1 + noise) + bad,
-            misfit=1e-4 * (1 + noise) + 1e-2 * bad,
-            z_e=z_e,
-            z_e_hat=z_e + 0.01 * random.standard_normal((len(SEEDS), N, 1)),
-            ranks=random.integers(0, 120, (len(SEEDS), N, 1)),
-            tarp=random.integers(0, 120, (len(SEEDS), N)),
-        )
-    return Forecasts(
-        t=np.arange(3.0),
-        observed=1,
-        seeds=SEEDS,
-        state_names=["theta"],
-        state_units=["rad"],
-        parameter_names=["omega0"],
-        parameter_units=["rad/s"],
-        sets=sets,
-        version=VersionKey(experiment, "corrected", method),
-        rank_draws=119,
-    )
 
 
 def rows(of: Forecasts, label: str) -> list[MetricRow]:
@@ -124,12 +91,6 @@ def test_studies_of_models():
     scores = {"method": "a@1", "seeds": SEEDS, "best_score": [-1.0, -2.0], "best_epoch": [3, 5], "wall_s": 60.0}
     job = GridJob(experiment="lab", label="A", keys=["training.epochs"], points=[("a@1", [9])])
     assert list(grid({"first": card(scores, t=[0.0], observed=1)}, job).numbers["mean"]) == [-1.5]
-
-
-def test_the_table_of_ranges():
-    row = OwnPrior("A+", "all", "omega0", 1.5, 3.1, 0.5, 3.5, 0.9, 3, True, "it explains 90 %")
-    text = own_priors([row], OwnPriorsJob(experiment="e", priors=[("A+", "all")])).markdown()
-    assert "| A+ | all | omega0 | [1.5, 3.1] | [0.5, 3.5] | 90 |" in text
 
 
 def test_the_page():

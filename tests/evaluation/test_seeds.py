@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fake_windows import SEEDS, curves, forecasts
 from matplotlib.figure import Figure
-from test_in_memory import SEEDS, forecasts
-from test_windows import curves
 
 from expertaug.evaluation.seeds import EMPTY, seeds
 

@@ -1,4 +1,4 @@
-"""Tables and figures of the studies, and those over all experiments."""
+"""Tables and figures of the studies."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
-from fake_runs import tables_of, write_metrics, write_samples
+from fake_runs import write_samples
 
 from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.evaluation import studies
 from expertaug.evaluation.dots import LOOKS
-from expertaug.evaluation.dots import run_stage as overview
-from expertaug.evaluation.settings import OverviewExperiment, OverviewJob, SimulatedSet, StudyJob, StudyOptions
+from expertaug.evaluation.settings import SimulatedSet, StudyJob, StudyOptions
 from expertaug.evaluation.studies import run_stage as study
 from expertaug.evaluation.tabulate import run_stage as tabulate
 
@@ -162,24 +161,3 @@ def test_bad_requests(tmp_path):
     widths = asked("prior_width", labels, priors={"hybrid": {"": {"w": (0, 1)}}})
     with pytest.raises(InputError, match=r"suffix '\.svg'"):
         study([path], [tmp_path / "x.svg"], widths)
-
-
-def test_overview(tmp_path, drawn):
-    def marks(axis):
-        return sum(not line.get_label().startswith("_") for line in axis.lines)
-
-    metrics = write_metrics(tmp_path) + write_metrics(tmp_path, "double_swing")
-    swing = OverviewExperiment(name="swing", shown=True, shifted="test", opponents=["mean"])
-    double = OverviewExperiment(
-        name="double_swing", shown=True, shifted=None, convention="dim", title="two swings", opponents=[]
-    )
-    job = OverviewJob(experiments=[swing, double], hues=[("mean", 0), ("hybrid", 1)])
-    overview(tables_of(metrics), tmp_path / "figures", job)
-    names = {f"{name}.{end}" for name in ("log_mse", "parameter_errors", "za_shifted") for end in ("png", "pdf")}
-    assert {path.name for path in (tmp_path / "figures").iterdir()} == names
-    left, right = drawn[0].axes
-    assert left.get_xlabel() == right.get_xlabel() == "log-MSE (lower is better)"
-    assert (marks(left), marks(right)) == (6, 4), "two sets, Hybrid and Hybrid+; on the left Mean beside them"
-    assert left.get_title().startswith("swing (summed") and right.get_title().startswith("two swings (averaged")
-    assert len(drawn[2].axes) == 1 and marks(drawn[2].axes[0]) == 3
-    assert not drawn[2].legends, "of one set"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 import pandas as pd
@@ -12,8 +11,7 @@ from fake_runs import LABELS, pairs, write_metrics, write_samples
 
 from expertaug.errors import InputError
 from expertaug.evaluation.settings import TabulateJob
-from expertaug.evaluation.summary import TabledMean, drawn_sets, read_metrics
-from expertaug.evaluation.table import Table
+from expertaug.evaluation.summary import TabledMean, read_metrics
 from expertaug.evaluation.tabulate import run_stage as tabulate
 from expertaug.rows import read_csv
 
@@ -216,11 +214,6 @@ def test_dim_convention_and_own_titles(tmp_path):
     assert f"{np.mean(values):.2f}".replace("-", "−") in text
 
 
-def test_validation_is_drawn_only_where_no_other_set_is_of_its_domain():
-    assert drawn_sets(iter(["test", "validation", "iid"])) == ["iid", "test"]
-    assert drawn_sets(iter(["test", "validation"])) == ["validation", "test"]
-
-
 SETS = ("train", "validation", "iid", "test")
 
 
@@ -415,12 +408,3 @@ class TestChoice:
         found = self.table(tmp_path, {"network": -3.0, "simple": -1.0}, ["simple", "network"], samples=1)
         assert [name for name, row in found.items() if row[3] == "chosen"] == ["NETWORK"]
         assert found["SIMPLE"][2] == "–"
-
-
-@pytest.mark.parametrize("name", ["a|b", "<script>x</script>", "a\nb", "x^2 ~ y", "\\input{x}", "a < b"])
-def test_what_a_name_holds_stays_in_its_cell(name):
-    of_name = Table(["method", "n"], [("", [[name, "1"]])])
-    line = next(one for one in of_name.markdown().splitlines() if "1 |" in one)
-    assert not re.search(r"(?<!\\)<[A-Za-z/!]", line) and len(re.findall(r"(?<!\\)\|", line)) == 3
-    line = next(one for one in of_name.tex().splitlines() if "& 1" in one)
-    assert not re.search(r"[\^~]", line) and r"\input" not in line

@@ -1,3 +1,6 @@
-"""What the tests of inference share: a tiny pendulum experiment."""
+"""What the tests of inference share: a tiny pendulum experiment, a fitted pendulum, and one for flows."""
+
+from fitted_pendulum import fitted  # noqa: F401
+from flow_pendulum import pendulum  # noqa: F401
 
 from tiny import data, killed, settings  # noqa: F401

@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor
 
+from expertaug.inference.settings import FlowJob, FlowSettings
 from expertaug.learning.settings import TrainOptions, TrainSettings
 from expertaug.learning.train import prepare
 from expertaug.models.describe import describe
@@ -39,3 +40,25 @@ def lines() -> tuple[StoredModel, Trajectories]:
     how = TrainOptions(**COMMON, method="line", label="Line", t1_s=1.0, training=training)
     made = prepare(recipe, data, data, how, describe(recipe))
     return StoredModel(made.trainer.model, made.card.but(wall_s=0.0, failed=[])), data
+
+
+SMALL = {
+    "steps": 12,
+    "batch_size": 20,
+    "pool": 80,
+    "uses": 2,
+    "held_out": 50,
+    "layers": [16],
+    "summary": 8,
+    "transforms": 1,
+    "hidden": [8],
+    "latent": 2,
+    "samples": 8,
+    "checkpoint_s": 0.0,
+    "solver": SolverSettings(method="rk4"),
+}
+
+
+def asked(prior, noise, **flow):
+    how = FlowSettings(**SMALL | flow)
+    return FlowJob(**COMMON, method="a+~flow", label="A+ flow", prior=prior, noise=noise, flow=how)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from test_least_squares import NOISE, OBSERVED, expert_alone, pendulum
+from fitted_pendulum import NOISE, OBSERVED, expert_alone, pendulum
 
 from expertaug.errors import InputError
 from expertaug.evaluation.own_priors import run_stage as own_priors

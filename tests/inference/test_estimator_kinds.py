@@ -14,7 +14,6 @@ import expertaug as ea
 from expertaug.cli import main
 from expertaug.config.load import default_files, load, validate
 from expertaug.errors import InputErrors
-from expertaug.inference.flow import Flow
 from expertaug.models.estimators import ESTIMATORS, EstimatorKind, estimator
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.stages import STAGES
@@ -108,24 +107,10 @@ def test_what_there_is_not_is_one_line():
         validate(configured("persistance"))
     with pytest.raises(ea.InputError, match=r"'kalman' is no kind of estimators; .*known: hybrid, alternating"):
         estimator("kalman")
-    with pytest.raises(ea.InputError, match="no class 'Kalman' in test_estimator_kinds"):
+    with pytest.raises(ea.InputError, match=rf"no class 'Kalman' in {re.escape(__name__)}; correct the name"):
         estimator(f"{__name__}:Kalman")
     with pytest.raises(ea.InputError, match="the class LastState is no EstimatorKind"):
         estimator(f"{__name__}:LastState")
-
-
-CLASSICAL = ["least_squares", "least_squares_shared"]
-ALTERNATING = ["alternating", "alternating_shared"]
-
-
-def test_what_each_kind_can_do():
-    of = {name: kind for name, kind in ESTIMATORS.items() if name != Flow.name}
-    assert [name for name, kind in of.items() if kind.trains()] == ["hybrid", *ALTERNATING]
-    assert [name for name, kind in of.items() if kind.has_objective] == ["hybrid"]
-    assert [name for name, kind in of.items() if kind.fits_windows] == [*ALTERNATING, *CLASSICAL]
-    assert [name for name, kind in of.items() if kind.is_classical()] == CLASSICAL
-    assert [name for name, kind in of.items() if kind.shares] == [ALTERNATING[1], CLASSICAL[1]]
-    assert [name for name, kind in of.items() if not kind.has_expert] == ["mean"]
 
 
 def compared(path: Path) -> list[str]:

@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from fitted_pendulum import PRIOR, expert_alone, pendulum
 
 import tiny
 from cards import card
 from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import Scoring
+from expertaug.inference.expected_error import expected_errors, record_misfits
 from expertaug.inference.least_squares import estimator_of
 from expertaug.learning.settings import TrainSettings
 from expertaug.learning.train import run_stage as train
@@ -23,6 +25,7 @@ from expertaug.systems.settings import SolverSettings
 from expertaug.systems.simulate import trajectories
 from expertaug.trajectories import Trajectories
 from nightly import others_slow
+from seen import seen
 from tiny import but
 
 T, NOISE, CPU = np.linspace(0.0, 10.0, 101), 0.01, torch.device("cpu")
@@ -74,3 +77,21 @@ def test_refinement_expects_of_the_encoder_what_lies_between_their_forecasts(mod
     observed = encoder.card.observed
     between = (after.prediction - before.prediction)[:, :, observed:].double().square().sum(-1).mean(-1)
     torch.testing.assert_close(after.moved[:, after.index], between, rtol=1e-5, atol=1e-8)
+
+
+def test_a_record_keeps_what_is_expected_of_validation_windows_and_decoders_expect_nothing():
+    data = pendulum((1.5, 3.1), n=3)
+    stored = expert_alone("pendulum", data)
+    stored = replace(stored, card=stored.card.but(t=T[:21].tolist(), observed=11))
+    stored = replace(stored, model=estimator_of(stored, RefinementSettings(starts=4, tries=1), NOISE, PRIOR))
+    windows = seen(torch.from_numpy(data.y[:, :11]).movedim(1, 0).unsqueeze(1))
+    record = record_misfits(stored, windows)
+    assert np.shape(record.validation) == np.shape(record.expected) == (2, 3)
+    assert record.validation[0] == record.validation[1], "both seeds are the expert alone,"
+    assert record.between == pytest.approx([0.0] * 3, abs=1e-12), "and forecast the same"
+    both = windows.expand(2)
+    within, between = expected_errors(stored, stored.model.estimate(both), both)
+    np.testing.assert_allclose(record.expected, within, rtol=1e-5)
+    assert between.shape == (3,) and (within > 0).all()
+    alone = replace(stored, model=stored.model.decoder)
+    assert expected_errors(alone, stored.model.estimate(both), both) is None

@@ -1,10 +1,10 @@
-"""Posteriors by flows: a known one is found, seeds are on their own, files and checkpoints hold all of them."""
+"""Posteriors by flows: a known one is found, and files and checkpoints hold all of them."""
 
 import pytest
 import torch
-from known_posterior import COMMON, NOISE, lines
+from flow_pendulum import PENDULUM, windows
+from known_posterior import COMMON, NOISE, asked, lines
 
-import tiny
 from expertaug.errors import InputError
 from expertaug.evaluation.forecasting import forecast
 from expertaug.inference.coordinates import PriorTransform
@@ -12,81 +12,22 @@ from expertaug.inference.flow import SummaryNetwork, load
 from expertaug.inference.flow_training import prepare
 from expertaug.inference.flow_training import run_stage as flow
 from expertaug.inference.posterior_predictive import predictive
-from expertaug.inference.settings import FlowJob, FlowSettings
-from expertaug.inference.simulations import HELD_OUT, Pool
-from expertaug.learning.random_streams import RandomStreams
-from expertaug.learning.settings import Build, TrainJob, TrainOptions, TrainSettings
+from expertaug.inference.simulations import HELD_OUT
+from expertaug.learning.settings import TrainOptions, TrainSettings
 from expertaug.learning.train import prepare as prepare_training
-from expertaug.learning.train import run_stage as train
 from expertaug.models import store as models
 from expertaug.models.describe import describe
 from expertaug.models.hybrid import HybridModel
-from expertaug.models.settings import PartsSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems.double_pendulum import DoublePendulum
-from expertaug.systems.pendulum import DampedPendulum
-from expertaug.systems.settings import SimulatedData, SimulatedSet, SolverSettings
+from expertaug.systems.settings import SimulatedData, SimulatedSet
 from expertaug.systems.simulate import sample
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from field_systems import Fisher
 from seen import seen
-from tiny import but
 
 RK4 = Solver("rk4")
-SMALL = {
-    "steps": 12,
-    "batch_size": 20,
-    "pool": 80,
-    "uses": 2,
-    "held_out": 50,
-    "layers": [16],
-    "summary": 8,
-    "transforms": 1,
-    "hidden": [8],
-    "latent": 2,
-    "samples": 8,
-    "checkpoint_s": 0.0,
-    "solver": SolverSettings(method="rk4"),
-}
-
-
-def asked(prior, noise, **flow):
-    how = FlowSettings(**SMALL | flow)
-    return FlowJob(**COMMON, method="a+~flow", label="A+ flow", prior=prior, noise=noise, flow=how)
-
-
-PENDULUM = asked({"omega0": (0.5, 3.5)}, 0.01)
-
-
-def windows(data, points, seeds):
-    y = torch.from_numpy(data.y).movedim(0, 1)[:points, None]
-    return y.expand(-1, seeds, *y.shape[2:]).contiguous()
-
-
-@pytest.fixture(scope="module")
-def pendulum(tmp_path_factory):
-    """Folder of a pendulum's sets and of the models ``both`` (seeds 0 and 1) and ``alone`` (seed 1)."""
-    folder = tmp_path_factory.mktemp("pendulum")
-    sets = dict.fromkeys(("train", "validation", "test"), tiny.swings(40))
-    tiny.simulated(folder, tiny.DATA.model_copy(update={"sets": sets}))
-    windows = {"theta": [0.0, 1.0], "omega": [0.0, 1.0]}
-    job = TrainJob(
-        **COMMON,
-        method="aphynity",
-        label="APHYNITY",
-        system={"name": "pendulum"},
-        build=Build(kind="hybrid"),
-        model=PartsSettings(
-            encoder={"kind": "window", "windows": windows, "layers": [8], "latent": 3},
-            interaction={"kind": "mlp", "layers": [6]},
-        ),
-        training=TrainSettings(epochs=1, batch_size=10, solver=SolverSettings(method="rk4")),
-        t1_s=1.0,
-    )
-    for name, seeds in (("both", [0, 1]), ("alone", [1])):
-        train(folder, folder / f"{name}.safetensors", folder / name, but(job, seeds=seeds), None)
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -158,20 +99,6 @@ def test_a_runaway_draw_is_cut_off_at_the_bound(known):
     assert torch.isfinite(cut).all() and cut.abs().max() <= 50.0
 
 
-def test_a_seed_does_not_depend_on_the_seeds_beside_it(pendulum):
-    """The flow of a seed alone and in a group: the same draws of the simulator, to float rounding."""
-    data = Trajectories.load(pendulum / "train.npz")
-    both, alone = (prepare(models.load(pendulum / f"{n}.safetensors"), data, PENDULUM) for n in ("both", "alone"))
-    # Trained apart, the two seed 1 differ by rounding; the same tensors make the draws comparable.
-    a, b = (t.trainer.pool.simulator.draw(60, HELD_OUT, 7) for t in (both, alone))
-    assert torch.allclose(a.x[1], b.x[0], atol=1e-3) and torch.allclose(a.theta[1], b.theta[0], atol=1e-2)
-    assert not torch.allclose(a.x[0], a.x[1], atol=0.1), "another seed, other draws"
-    trained = [t.run().model.eval() for t in (both, alone)]
-    y = windows(data, 11, 2)
-    z, other = trained[0].sample(seen(y), 16, seed=2)[0][:, 1], trained[1].sample(seen(y[:, 1:]), 16, seed=2)[0][:, 0]
-    assert torch.allclose(z, other, atol=1e-2)
-
-
 def run(pendulum, folder):
     flow(pendulum / "both.safetensors", pendulum, folder / "model.safetensors", folder / "work", PENDULUM, None)
     return folder / "model.safetensors"
@@ -216,43 +143,6 @@ def test_a_killed_training_resumes_to_the_same_bits(pendulum, whole, tmp_path, k
     assert all(torch.equal(value, resumed[name]) for name, value in load(whole).model.state_dict().items())
 
 
-def test_a_pool_is_renewed_by_parts_and_follows_from_the_pass_alone(pendulum):
-    data = Trajectories.load(pendulum / "train.npz")
-    made = prepare(models.load(pendulum / "both.safetensors"), data, PENDULUM).trainer.pool
-    first, second = made(3), made(4)
-    assert len(first) == 80 and torch.equal(first.theta[:, 40:], second.theta[:, :40])
-    assert not torch.equal(first.theta[:, :40], second.theta[:, 40:])
-    assert torch.equal(Pool(made.simulator, 40, 2)(4).x, second.x)
-
-
-@pytest.mark.parametrize(
-    ("row", "flow", "anew"), [("data", {}, 0), ("resampled", {}, 1), ("data", {"resample_x": True}, 1)]
-)
-def test_draws_begin_where_training_windows_do_or_anywhere(pendulum, monkeypatch, row, flow, anew):
-    elsewhere = lambda self, y0, uniform: torch.cat((5.0 + uniform(1), y0[..., 1:]), dim=-1)  # noqa: E731
-    monkeypatch.setattr(DampedPendulum, "resample_known", elsewhere)
-    choices = PENDULUM.choices.model_copy(update={"augmented_x": row})
-    of_row = PENDULUM.model_copy(update={"choices": choices, "flow": FlowSettings(**SMALL | flow)})
-    made = prepare(models.load(pendulum / "both.safetensors"), Trajectories.load(pendulum / "train.npz"), of_row)
-    first = made.trainer.pool.simulator.simulated(20, RandomStreams([0, 1], 7)).y0[..., 0]
-    assert bool((first > 4.9).all()) == bool(anew) and (anew or bool((first < 4.9).all()))
-
-
-@pytest.mark.parametrize(
-    ("changed", "expected"),
-    [
-        ({"prior": {"omega": [1.0, 2.0]}}, "augmentation.prior"),
-        ({"flow": {"transforms": 0}}, "flow.transforms"),
-        ({"flow": {"step": 3}}, "flow.step"),
-        ({"flow": {"resample_x": True}}, "flow.resample_x: DampedPendulum does not say where"),
-    ],
-)
-def test_what_is_wrong_is_said_in_a_line(pendulum, changed, expected):
-    data = Trajectories.load(pendulum / "train.npz")
-    with pytest.raises(InputError, match=expected):
-        prepare(models.load(pendulum / "both.safetensors"), data, FlowJob.from_mapping(PENDULUM.dump() | changed))
-
-
 @pytest.mark.slow
 def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path):
     """Noisy fields, whose draws are used several times; the expert's parameter is found in their moments."""
@@ -277,21 +167,6 @@ def test_of_fields_the_moments_are_seen_and_no_first_point_is_inferred(tmp_path)
     assert torch.equal(again.sample(seen(y), 32)[0], z_e)
     with pytest.raises(InputError, match="needs field_systems:Fisher"):
         load(tmp_path / "flow.safetensors")
-
-
-def test_z_a_is_drawn_where_f_a_was_learned():
-    system = DampedPendulum()
-    latents = torch.linspace(-2, 4, 50)[:, None]
-    unknowns = PriorTransform(system, torch.tensor([0.5]), torch.tensor([3.5]), latents, 1, 0.01, beyond=0.5)
-    theta = torch.tensor([[0.0, 0.3, 0.0, 0.0], [0.0, -600.0, 0.0, 0.0], [0.0, 600.0, 0.0, 0.0]])
-    z_e, z_a, y0 = unknowns.transform.unpack(theta, torch.zeros(3, 2))
-    std = latents.std()
-    torch.testing.assert_close((z_a[0, 0] - latents.mean()).abs(), 0.3 * std)
-    torch.testing.assert_close(
-        z_a[1:, 0].sort().values, torch.stack((latents.min() - 0.5 * std, latents.max() + 0.5 * std))
-    )
-    torch.testing.assert_close(z_e, torch.full((3, 1), 2.0))
-    assert torch.equal(y0, torch.zeros(3, 2))
 
 
 def test_speeds_that_nobody_measured_are_neither_seen_nor_inferred_twice():

@@ -3,19 +3,23 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
-from test_shared import END, EXPERIMENT, NOISE, Rubbed, T, swings
+from rubbed_pendulum import END, EXPERIMENT, NOISE, Rubbed, T, swings
 
 import expertaug as ea
 from expertaug.cli import main
 from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.inference import alternating
+from expertaug.inference.held_constants import HeldConstants
 from expertaug.models import store
+from expertaug.models.decoder import Decoder
 from expertaug.models.sensors import Sensors
+from expertaug.models.settings import Constant, Refinement, RefinementSettings, SensorConstants
 from expertaug.trajectories import Trajectories
 
 ROOT = Path(__file__).parents[2]
@@ -185,3 +189,24 @@ def test_a_version_whose_expert_has_other_parameters_is_told_what_the_sets_know(
     }
     assert of.pop("friction_shared") == {"z_e": ["omega0"], "z_a": ["alpha"]}
     assert set(of.values()) == {None}
+
+
+def test_fits_hold_the_constants_of_the_expert_alone_at_first():
+    rubbed, windows = ea.DampedPendulum(friction="estimated"), torch.randn(5, 1, 7, 2)
+    settings = RefinementSettings.of(units={"alpha": "shared"}, sensors={"theta": {"offset": "shared"}})
+    first = Refinement.of(
+        settings=settings,
+        noise=NOISE,
+        prior=None,
+        shared={"alpha": Constant(value=0.2, std=0.1)},
+        sensors={"theta": SensorConstants.of(offset=Constant(value=0.3, std=0.1))},
+    )
+    held, kept = HeldConstants.of(rubbed, lambda decoder: None, first, windows, 3), []
+    assert held.parameters == [1] and held.values.shape == (3, 2)
+    fit = SimpleNamespace(decoder=Decoder(rubbed), hold=lambda *told: kept.append(told))
+    held.hold([fit])
+    ((places, coordinates),) = kept
+    assert places == [1] and coordinates.shape == (1, 1), "all seeds share a decoder without parameters"
+    assert coordinates.exp().item() * rubbed.expert_parameters[1].scale == pytest.approx(0.2)
+    assert fit.decoder.sensors.offset.flatten().tolist() == pytest.approx([0.3, 0.0])
+    assert fit.decoder.sensors.scale.flatten().tolist() == [1.0, 1.0]

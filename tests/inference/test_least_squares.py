@@ -1,4 +1,4 @@
-"""Least squares on each window: the minimiser, the fit of a pendulum and of a circuit, refinement, its settings."""
+"""Least squares on each window: the fit of a pendulum and of a circuit, refinement, its settings."""
 
 from __future__ import annotations
 
@@ -7,75 +7,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from fitted_pendulum import NOISE, PRIOR, T, expert_alone, pendulum, windows
 
 import expertaug as ea
-from cards import card
 from expertaug import systems
 from expertaug.api.arguments import RefinementOptions
 from expertaug.errors import InputError
-from expertaug.inference.coordinates import given_components, seen_components
 from expertaug.inference.least_squares import estimator_of, refined_by
-from expertaug.inference.levenberg_marquardt import minimise
 from expertaug.learning import train as train_stage
 from expertaug.learning.settings import SolverOnly, UntrainedOptions
-from expertaug.models import describe, store
+from expertaug.models import describe
 from expertaug.models.card import RecipeRecord
-from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates, unconstrain
 from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.presets import Choices
-from expertaug.systems.double_pendulum import DoublePendulum
 from expertaug.systems.pendulum import DampedPendulum
-from expertaug.systems.reaction_diffusion import ReactionDiffusion
 from expertaug.systems.rlc import RLC
 from expertaug.systems.settings import SolverSettings
 from expertaug.systems.simulate import trajectories
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
-
-T = np.linspace(0.0, 10.0, 101)
-OBSERVED, NOISE = 51, 0.01
-PRIOR = {"omega0": (0.5, 3.5)}
-
-
-def expert_alone(name, data):
-    bound = [10 * float(np.abs(data.y).max())] * data.y.shape[2]
-    described = {"kind": "least_squares", "system": {"name": name}, "t": T.tolist(), "observed": OBSERVED}
-    described |= {"bound": bound, "training": {}, "seeds": [0, 1]}
-    return store.StoredModel(Decoder(systems.load({"name": name})), card(described))
-
-
-def windows(data, seeds=2):
-    y = torch.from_numpy(data.y).float().movedim(1, 0)[:OBSERVED].unsqueeze(1)
-    return y.expand(-1, seeds, *y.shape[2:])
-
-
-def pendulum(z_e, damping=(0.0, 0.0), n=40):
-    return trajectories(DampedPendulum(), {"omega0": z_e}, {"alpha": damping}, n=n, t=T, noise=NOISE)
-
-
-def test_the_minimiser_finds_the_minimum_of_each_problem_and_its_curvature():
-    # Rosenbrock's valley, moved to another place for each of 6 problems, beside a linear problem's known curvature.
-    place = torch.linspace(0.5, 1.5, 6, dtype=torch.float64)
-
-    def residuals(x, columns):
-        a = place[columns]
-        return torch.stack((a - x[..., 0], 10 * (x[..., 1] - x[..., 0].square())), -1)
-
-    found = minimise(residuals, torch.full((1, 6, 2), -1.0, dtype=torch.float64), steps=200)
-    torch.testing.assert_close(found.x[0, :, 0], place, rtol=1e-4, atol=1e-4)
-    torch.testing.assert_close(found.x[0, :, 1], place.square(), rtol=1e-3, atol=1e-3)
-    jacobian = torch.tensor([[-1.0, 0.0], [-20.0, 10.0]], dtype=torch.float64)  # at x = (1, 1)
-    at_one = minimise(lambda x, columns: residuals(x, columns), torch.ones(1, 6, 2, dtype=torch.float64), steps=0)
-    torch.testing.assert_close(at_one.curvature[0, 2], jacobian.T @ jacobian, rtol=1e-4, atol=1e-4)
-
-
-def test_a_candidate_that_runs_away_is_only_very_bad():
-    def residuals(x, columns):
-        return torch.where(x > 2, torch.nan, x - 1)
-
-    found = minimise(residuals, torch.tensor([[[1.9], [-3.0]]], dtype=torch.float64), steps=60)
-    torch.testing.assert_close(found.x[0, :, 0], torch.ones(2, dtype=torch.float64))
 
 
 @pytest.mark.parametrize("z_e", [(1.5, 3.1), (0.5, 1.5)])
@@ -232,26 +183,6 @@ def test_no_further_start_is_tried_once_two_have_led_to_the_same_minimum(monkeyp
 def test_every_setting_is_an_option_in_python():
     noise = {"noise"}  # an argument of its own
     assert set(RefinementOptions.__annotations__) | noise == set(RefinementSettings.model_fields)
-
-
-def test_a_fit_ends_where_the_next_step_promises_nothing():
-    asked = []
-
-    def residuals(x, columns):
-        asked.append(len(columns))
-        return torch.stack((x[..., 0] - 0.1, x[..., 1] + 0.2, x.sum(-1) - 0.2), -1)
-
-    minimise(residuals, torch.zeros(1, 4, 2, dtype=torch.float64), steps=30)
-    assert len(asked) == 3  # the start and two steps to a linear problem's minimum, and none to be sure of it
-
-
-def test_which_components_are_seen_and_given():
-    double = DoublePendulum(expert="point_mass")
-    assert seen_components(double).tolist() == [True, True, False, False]
-    assert given_components(double).tolist() == [True, True, False, False]
-    assert given_components(DampedPendulum()).tolist() == [True, True]
-    field = ReactionDiffusion()
-    assert seen_components(field).tolist() == [True, True] and given_components(field).tolist() == [False, False]
 
 
 def test_points_outside_a_components_window_do_not_count():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from test_shared import END, NOISE, PRIOR, Rubbed, T, fitted, swings
+from rubbed_pendulum import END, NOISE, PRIOR, Rubbed, T, fitted, swings
 
 import expertaug as ea
 from expertaug.errors import InputError

@@ -16,7 +16,7 @@ from expertaug.config import load as config
 from expertaug.config import shown_settings, stage_settings
 from expertaug.errors import InputError, InputErrors
 from expertaug.evaluation.forecasts import Forecasts
-from expertaug.models.sensors import Sensors
+from expertaug.inference.sensed_fit import SensorCoordinates
 from expertaug.models.settings import Constant, SensorConstants
 from expertaug.systems import Parameter, System
 from expertaug.systems.solvers.solver import Solver
@@ -124,20 +124,6 @@ def test_windows_with_gaps():
     found = fitted(replace(whole, mask=mask)).stored.card.refinement.sensors
     assert found["omega"].scale.value == pytest.approx(SCALE, abs=4 * found["omega"].scale.std)
     assert found["theta"].offset.value == pytest.approx(OFFSET, abs=4 * found["theta"].offset.std)
-
-
-def test_what_is_shown_and_the_state_are_each_others_inverse():
-    constants = {"theta": SensorConstants.of(offset=Constant(value=0.3, std=0.1))}
-    constants["omega"] = SensorConstants.of(scale=Constant(value=2.0, std=0.1))
-    sensors = Sensors.of(RUBBED, constants)
-    states = torch.randn(5, 1, 3, 2, dtype=torch.float64)
-    shown = sensors.measured(states)
-    assert torch.equal(shown[..., 0], states[..., 0] + 0.3) and torch.equal(shown[..., 1], 2 * states[..., 1])
-    torch.testing.assert_close(sensors.state(shown), states)
-    with_inputs = torch.cat((shown, torch.full((5, 1, 3, 1), 7.0, dtype=torch.float64)), -1)
-    torch.testing.assert_close(sensors.state(with_inputs), torch.cat((states, with_inputs[..., 2:]), -1))
-    ranges = sensors.state_ranges({"theta": (0.3, 1.3), "omega": (-4.0, 4.0)})
-    assert ranges == {"theta": [0.0, 1.0], "omega": [-2.0, 2.0]}
 
 
 class Spring(System):
@@ -248,3 +234,23 @@ def test_a_configuration_names_components_that_there_are(tmp_path):
         InputErrors, match=r"refinement\.sensors\.speed: .*no component of the state; known: theta, omega"
     ):
         configured(tmp_path, EXPERIMENT.replace("{omega: {scale", "{speed: {scale"))
+
+
+def test_coordinates_of_sensors_lead_back_to_their_constants():
+    windows = 3 * torch.randn(5, 1, 7, 2, dtype=torch.float64)
+    coordinates = SensorCoordinates.of(RUBBED, [("omega", "scale"), ("theta", "offset")], windows)
+    constants = {
+        "omega": SensorConstants.of(scale=Constant(value=SCALE, std=0.1)),
+        "theta": SensorConstants.of(offset=Constant(value=OFFSET, std=0.1)),
+    }
+    x = coordinates.coordinates(constants)
+    assert x.tolist() == pytest.approx([np.log(SCALE), OFFSET / float(windows[..., 0].std())])
+    sensors = coordinates.sensors(x)
+    assert sensors.scale.tolist() == pytest.approx([1.0, SCALE]) and sensors.offset.tolist() == [
+        pytest.approx(OFFSET),
+        0.0,
+    ]
+    again = coordinates.constants(x, torch.full((2,), 0.1, dtype=torch.float64), np.array([4, 4, 9]))
+    scale, offset = again["omega"].scale, again["theta"].offset
+    assert (scale.value, scale.std, scale.groups) == (pytest.approx(SCALE), pytest.approx(0.1 * SCALE), 2)
+    assert offset.std == pytest.approx(0.1 * float(windows[..., 0].std()))

@@ -41,12 +41,6 @@ def test_forecasts_that_are_to_fail_are_not_trusted_although_their_windows_are_e
     assert watched.forecast(usual, T).trusted.mean() > 0.8
 
 
-def test_a_record_of_some_seeds_has_no_variance_of_all():
-    record = MisfitRecord.of(validation=[[1.0], [2.0]], expected=[[3.0], [4.0]], between=[5.0])
-    assert record.of_seeds([1]) == MisfitRecord.of(validation=[[2.0]], expected=[[4.0]])
-    assert record.of_seeds([0, 1]) == record
-
-
 def test_what_seeds_disagree_on_is_expected_as_well(watched):
     from expertaug.api.trained import judge
 

@@ -1,166 +1,34 @@
-"""Snapshots of a training, and what is made of them."""
+"""What is made of snapshots of a training: themselves, and fine-tunings of several lengths."""
 
-import pandas as pd
-import pytest
-import torch
+from __future__ import annotations
 
-from expertaug.evaluation import during_training as following
-from expertaug.evaluation.during_training import run_stage as during_training
-from expertaug.evaluation.settings import DuringTrainingJob, ForecastScoring
-from expertaug.learning import finetune, snapshots
-from expertaug.learning.during_training import ModelState, Steps, states
+from expertaug.learning.during_training import BASE, ModelState, Steps, states
 from expertaug.learning.settings import AugmentJob, FinetuneJob, TrainSettings
-from expertaug.learning.train import run_stage as train
-from expertaug.learning.trainer import Trainer
-from expertaug.models import store
-from expertaug.rows import frame
-from expertaug.tracking.log import read_log
-from expertaug.tracking.metrics_csv import MetricRow
-from expertaug.tracking.settings import Tracking
-from expertaug.trajectories import Trajectories
-from tiny import PRIOR, but, of_kind
-
-CPU = torch.device("cpu")
+from tiny import PRIOR, of_kind
 
 
-def run(data, folder, settings):
-    train(data, folder / "model.safetensors", folder / "work", settings, None)
-    return store.load(folder / "model.safetensors").model.state_dict()
+class Told(Steps):
+    """Steps that do nothing but tell what they were asked for."""
+
+    def __init__(self):
+        self.asked = []
+
+    def augment(self, base, drawing):
+        self.asked.append((base.epoch, drawing.noise))
+        return f"samples of {base.stored}"
+
+    def finetune(self, base, plus, options, progress=None):
+        self.asked.append((base.epoch, plus, options.training.epochs))
+        return f"{base.stored} after {options.training.epochs}"
 
 
-def same(first, second):
-    return all(torch.equal(first[k], second[k]) for k in first)
-
-
-def test_snapshots_are_the_states_after_their_passes_and_change_nothing(data, tmp_path, settings):
-    plain = run(data, tmp_path / "plain", settings)
-    assert not (tmp_path / "plain" / snapshots.NAME).exists()
-    kept = run(data, tmp_path / "kept", but(settings, snapshots=[1, 3]))
-    assert same(plain, kept)
-    found = snapshots.load(tmp_path / "kept" / snapshots.NAME, CPU)
-    assert list(found) == [1, 3] and found[1].seeds == [0, 1]
-    assert not same(found[1].model.state_dict(), found[3].model.state_dict())
-    last = store.load(tmp_path / "kept/model.safetensors")
-    if last.card.best_epoch == [3, 3]:
-        assert same(found[3].model.state_dict(), kept)
-    assert found[1].card.carried is not None and found[1].card.wall_s > 0
-
-
-def test_snapshots_survive_a_kill(data, tmp_path, settings, monkeypatch):
-    settings = but(settings, snapshots=[1, 2, 3])
-    run(data, tmp_path / "whole", settings)
-    step, count = Trainer.step, iter(range(10**6))
-
-    def dying(self, *args):
-        if next(count) == 9:  # in the third pass
-            raise KeyboardInterrupt
-        return step(self, *args)
-
-    monkeypatch.setattr(Trainer, "step", dying)
-    with pytest.raises(KeyboardInterrupt):
-        run(data, tmp_path / "killed", settings)
-    monkeypatch.undo()
-    run(data, tmp_path / "killed", settings)
-    whole, killed = (snapshots.load(tmp_path / name / snapshots.NAME, CPU) for name in ("whole", "killed"))
-    assert all(same(whole[k].model.state_dict(), killed[k].model.state_dict()) for k in (1, 2, 3))
-
-
-def study_of(settings):
+def test_each_snapshot_is_followed_by_fine_tunings_of_each_length_on_the_same_augmented_samples(settings):
+    drawing = of_kind(AugmentJob, settings, method="aphynity+", prior=PRIOR, noise=0.01)
     training = TrainSettings(epochs=9, batch_size=20)
-    return of_kind(
-        DuringTrainingJob,
-        settings,
-        augment=of_kind(AugmentJob, settings, method="aphynity+", prior=PRIOR, noise=0.01),
-        finetune=of_kind(FinetuneJob, settings, method="aphynity+", label="APHYNITY+", training=training),
-        finetune_epochs=[1, 2],
-        evaluation=ForecastScoring(max_samples=7),
-    )
-
-
-@pytest.mark.slow
-def test_every_snapshot_is_scored_before_and_after_fine_tuning(data, tmp_path, settings, monkeypatch):
-    run(data, tmp_path, but(settings, snapshots=[1, 3]))
-    study = study_of(settings)
-    tune, trained = finetune.finetune, []
-
-    def dying(*arguments):
-        if len(trained) == 2:
-            raise KeyboardInterrupt
-        trained.append(arguments[4].training.epochs)
-        return tune(*arguments)
-
-    files = tmp_path / snapshots.NAME, data, tmp_path / "during_training.csv", tmp_path / "work_during_training"
-    monkeypatch.setattr(finetune, "finetune", dying)
-    with pytest.raises(KeyboardInterrupt):
-        during_training(*files, study, None)
-    assert trained == [1, 2] and not files[2].exists()
-    assert read_log(tmp_path / "during_training.jsonl").lines[-1].status == "KILLED"
-    calls = []
-    monkeypatch.setattr(finetune, "finetune", lambda *a: calls.append(a[4].training.epochs) or tune(*a))
-    during_training(*files, study, None)
-    assert calls == [1, 2], "those of the first snapshot were there already"
-    assert not files[3].exists()
-    table = pd.read_csv(files[2])
-    assert set(zip(table["epoch"], table["finetune_epochs"], strict=True)) == {
-        (e, f) for e in (1, 3) for f in (0, 1, 2)
-    }
-    scores = table[table["metric"] == "log_mse_sum"].set_index(["epoch", "finetune_epochs", "set", "seed"])["value"]
-    assert len(scores) == 2 * 3 * 3 * 2 and scores.is_unique
-    rows = frame(MetricRow, in_memory(files[0], data, study))
-    timed = table["metric"] == "estimate_ms"
-    pd.testing.assert_frame_equal(rows[~timed], table[~timed], check_exact=True)
-
-
-def in_memory(snapshots_file, data, settings):
-    """The rows of a study's job, without a file of its own."""
-    trained = [ModelState(k, 0, stored) for k, stored in snapshots.load(snapshots_file, CPU).items()]
-    sets = {name: Trajectories.load(data / f"{name}.npz") for name in ("train", "validation", "test")}
-    steps = Steps(sets["train"], sets["validation"])
-    models = states(trained, steps, settings.augment, settings.finetune, settings.finetune_epochs)
-    return following.during_training(models, sets, settings)
-
-
-def test_the_study_is_a_call_in_memory(data, tmp_path, settings, monkeypatch):
-    run(data, tmp_path, but(settings, snapshots=[1]))
-    before = sorted(tmp_path.rglob("*"))
-    monkeypatch.chdir(tmp_path)
-    rows = in_memory(tmp_path / snapshots.NAME, data, but(study_of(settings), finetune_epochs=[1]))
-    scores = {(row.set, row.seed, row.finetune_epochs): row.value for row in rows if row.metric == "log_mse_sum"}
-    assert len(scores) == 3 * 2 * 2 == len(set(scores.values())) and {row.epoch for row in rows} == {1}
-    assert sorted(tmp_path.rglob("*")) == before
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("quick_stores")
-def test_a_block_is_a_run_of_each_seed_below_its_method(data, tmp_path, settings):
-    from mlflow.tracking import MlflowClient
-
-    tracking = Tracking(enabled=True, uri=f"sqlite:///{tmp_path}/mlflow/mlflow.db", experiment="trial")
-    train(data, tmp_path / "model.safetensors", tmp_path / "work", but(settings, snapshots=[1, 3]), tracking)
-    during_training(
-        tmp_path / snapshots.NAME,
-        data,
-        tmp_path / "during_training.csv",
-        tmp_path / "during_training",
-        study_of(settings),
-        tracking,
-    )
-    client = MlflowClient(tracking_uri=tracking.uri)
-    runs = client.search_runs([client.get_experiment_by_name(tracking.name_of(settings.experiment)).experiment_id])
-    parents = {run.data.tags["mlflow.parentRunId"] for run in runs if "seed" in run.data.tags}
-    assert len(parents) == 1, "the method's training and its study have one parent"
-    found = {int(run.data.tags["seed"]): run for run in runs if run.data.tags.get("stage") == "during_training"}
-    assert set(found) == {0, 1} and {run.info.status for run in found.values()} == {"FINISHED"}
-    keys = ["seed", "set", "metric", "finetune_epochs", "epoch"]
-    table = pd.read_csv(tmp_path / "during_training.csv").set_index(keys)["value"].sort_index()
-    for seed, run in found.items():
-        assert run.data.params["epochs"] == "[1, 3]" and run.data.params["finetune_epochs"] == "[1, 2]"
-        assert {d.dataset.name for d in run.inputs.dataset_inputs} == {
-            f"pendulum {name}" for name in ("train", "validation", "test")
-        }
-        assert [item.path for item in client.list_artifacts(run.info.run_id)] == ["during_training.csv"]
-        for name in ("train", "validation", "test"):
-            for count, end in {0: "", 1: "_finetuned_1", 2: "_finetuned_2"}.items():
-                history = client.get_metric_history(run.info.run_id, f"{name}/log_mse_sum{end}")
-                scores = table[seed, name, "log_mse_sum", count].to_dict()
-                assert {metric.step: metric.value for metric in history} == pytest.approx(scores)
+    tuning = of_kind(FinetuneJob, settings, method="aphynity+", label="APHYNITY+", training=training)
+    steps, trained = Told(), [ModelState(1, BASE, "early"), ModelState(3, BASE, "late")]
+    found = list(states(trained, steps, drawing, tuning, [1, 5]))
+    assert [(state.epoch, state.finetune_epochs) for state in found] == [(1, 0), (1, 1), (1, 5), (3, 0), (3, 1), (3, 5)]
+    assert [state.stored for state in found[3:]] == ["late", "late after 1", "late after 5"]
+    assert steps.asked[:3] == [(1, 0.01), (1, "samples of early", 1), (1, "samples of early", 5)]
+    assert len(steps.asked) == 6 and tuning.training.epochs == 9, "each schedule is its own"

@@ -191,12 +191,6 @@ def test_one_step_of_a_seed_is_the_same_alone_and_in_a_block(data, tmp_path, set
             torch.testing.assert_close(group[name][place], value[0], rtol=1e-3, atol=1e-5)
 
 
-def test_every_seed_and_step_draws_its_own():
-    first, other = RandomStreams([3, 4], 0, 2).normal(50, 2), RandomStreams([3, 4], 1, 2).normal(50, 2)
-    assert not torch.equal(first[0], first[1]) and not torch.equal(first, other)
-    assert torch.equal(first[1], RandomStreams([4], 0, 2).normal(50, 2)[0])
-
-
 def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, killed):
     whole = run(data, tmp_path / "whole", settings).model.state_dict()
     killed(run, data, tmp_path / "killed", settings)

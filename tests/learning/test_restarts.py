@@ -7,13 +7,10 @@ import json
 import pytest
 import torch
 
-from expertaug.errors import InputError
-from expertaug.learning.settings import FinetuneOptions
 from expertaug.learning.train import FURTHER
 from expertaug.learning.train import run_stage as train
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
-from expertaug.presets import resolve
 from nightly import others_slow
 from tiny import but
 
@@ -91,9 +88,3 @@ def test_a_restart_that_is_killed_goes_on_to_the_same_bits(data, tmp_path, setti
 def test_seeds_that_agree_are_left_alone(data, tmp_path, settings):
     card = run(data, tmp_path, settings, restarts=2, restart_gap=50.0).card
     assert card.restarts == [0, 0]
-
-
-def test_a_fine_tuning_begins_nothing_anew():
-    said = {"experiment": "x", "method": "m", "label": "M", "preset": "corrected", "seeds": [0]}
-    with pytest.raises(InputError, match="restarts"):
-        FinetuneOptions.of(**said, choices=resolve("corrected"), training={"restarts": 1})

@@ -6,19 +6,13 @@ import re
 import pytest
 import torch
 
-from cards import card
-from expertaug import systems
 from expertaug.errors import InputError, SolveError
 from expertaug.learning import objectives
 from expertaug.learning.job import Checkpoint, fingerprint, locked
 from expertaug.learning.objectives import finite_forecast
-from expertaug.learning.residuals import mean_squared_error
-from expertaug.learning.settings import TrainSettings
 from expertaug.learning.train import run_stage as train
 from expertaug.learning.trainer import Trainer
-from expertaug.learning.training_data import StackedSet, task_of
 from expertaug.models import store
-from expertaug.models.estimators import Hybrid
 from expertaug.trajectories import Trajectories
 from tiny import but
 
@@ -120,54 +114,6 @@ def test_a_seed_that_never_has_a_gradient_is_named(data, tmp_path, settings, mon
         run(tmp_path, tmp_path, settings)
 
 
-def test_a_sample_that_runs_away_is_left_out():
-    """The double pendulum at 1e5 rad/s overflows in steps of 10 ms; the other samples' gradient is as without it."""
-    description = {"system": {"name": "double_pendulum", "expert": "point_mass"}, "seeds": [0, 1], "observed": 11}
-    encoder = {"kind": "window", "windows": {"theta1": [0.0, 0.1]}, "angles": ["theta1"], "layers": [5], "latent": 2}
-    description |= {"t": [0.01 * k for k in range(20)], "expert": True, "interaction": True}
-    description["model"] = {"encoder": encoder, "interaction": {"kind": "mlp", "layers": [4]}}
-    model = Hybrid.network(systems.load(description["system"]), card(description))
-    task = task_of(TrainSettings(horizon_s=0.19), card(description), torch.device("cpu"))
-    y0, z_a = torch.rand(2, 3, 4), torch.rand(2, 3, 2)
-    z_e = torch.tensor([[[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]] * 2)
-    z_e[0, 1] = 1e5
-    z_e.requires_grad_()
-    prediction, good = finite_forecast(model, y0, z_e, z_a, task, 20)
-    assert good.tolist() == [[True, False, True], [True, True, True]]
-    loss = mean_squared_error(model.system, prediction[1:], torch.zeros(19, 2, 3, 4), good)
-    loss.sum().backward()
-    assert torch.isfinite(z_e.grad).all() and (z_e.grad[0, 1] == 0).all() and (z_e.grad[0, 0] != 0).all()
-    kept, _ = finite_forecast(model, y0[:, ::2], z_e[:, ::2], z_a[:, ::2], task, 20)
-    expected = mean_squared_error(model.system, kept[1:], torch.zeros(19, 2, 2, 4))
-    torch.testing.assert_close(loss[0], expected[0])
-
-
-def test_orders_depend_on_seed_and_pass_alone(data):
-    whole = StackedSet.of(Trajectories.load(data / "train.npz"), "cpu")
-    batch = next(whole.batches([3, 4], 0, 8))
-    again = next(whole.batches([4], 0, 8))
-    later = next(whole.batches([4], 1, 8))
-    assert torch.equal(batch.y[:, 1], again.y[:, 0])
-    assert not torch.equal(again.y, later.y)
-    every = torch.cat([b.z_e for b in whole.batches([3], 0, 8)], 1)
-    assert torch.equal(every[0].sort(0)[0], whole.z_e[0].sort(0)[0])
-
-
-def test_one_cycle_warms_up_and_decays():
-    settings = TrainSettings(learning_rate=1.0, warmup=0.1)
-    rates = [settings.rate(k, 100) for k in range(100)]
-    assert max(rates) == rates[9] == 1.0 and rates[0] == 0.1 and rates[-1] < 1e-3
-    assert TrainSettings(learning_rate=1.0, schedule="constant").rate(50, 100) == 1.0
-
-
-def test_the_loss_window_grows_over_the_first_share_of_steps():
-    settings = TrainSettings(horizon_warmup=0.5)
-    points = [settings.points(51, k, 100) for k in range(100)]
-    assert points == sorted(points) and points[0] == 2 and points[24] == 26 and set(points[49:]) == {51}
-    assert {TrainSettings().points(51, k, 100) for k in range(100)} == {51}
-    assert max(TrainSettings(horizon_warmup=0.45).points(51, k, 7) for k in range(7)) == 51
-
-
 @pytest.mark.parametrize(("window", "longest"), [("observed", 11), ("half_batch", 21)])
 def test_the_loss_window_grows_to_that_of_the_preset(data, tmp_path, settings, monkeypatch, window, longest):
     solved, points = [], finite_forecast
@@ -207,8 +153,3 @@ def test_a_name_that_the_system_has_not_is_refused_before_a_training(data, tmp_p
     with pytest.raises(InputError, match=re.escape(says)):
         run(data, tmp_path, but(settings, **over))
     assert not (tmp_path / "model.safetensors").exists()
-
-
-def test_unknown_training_key_is_named():
-    with pytest.raises(InputError, match=r"training\.epoch.*unknown"):
-        TrainSettings.from_mapping({"epoch": 3})

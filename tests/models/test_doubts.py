@@ -7,6 +7,7 @@ import pytest
 import torch
 
 import expertaug as ea
+from expertaug.models.doubts import FitDoubts
 
 T = np.arange(0, 6.01, 0.1)
 OBSERVED = 41
@@ -99,3 +100,15 @@ def test_its_share_is_a_metric_of_fits_and_of_nothing_else():
     table = ea.least_squares(Spring(), data, observed_s=4.0, prior=prior, noise=0.01).evaluate(data)
     share = table.loc[table["metric"] == "doubtful_share", "value"]
     assert share.tolist() == pytest.approx([1.0])
+
+
+def test_what_holds_for_half_of_the_seeds_is_said_of_a_window():
+    nothing = torch.zeros(2, 2, 1, dtype=torch.bool)
+    stuck = torch.tensor([[True, False], [False, False]])
+    at_bound = torch.tensor([[[False], [True]], [[False], [True]]])
+    found = FitDoubts(("w",), stuck, at_bound, untold=~nothing, alone=nothing)
+    assert found.reasons(0) == ["the fit never left its start", "the window does not tell w"]
+    assert found.reasons(1) == ["w is at its bound, zero"], "which says more than that it is not told"
+    assert found.of_most([1]).stuck.tolist() == [[False, False]] and found.of_most([0, 1]).stuck.tolist() == [
+        [True, False]
+    ]

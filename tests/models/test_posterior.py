@@ -73,3 +73,10 @@ def test_divergence_is_torchs(gaussian):
 def test_a_point_takes_no_random_numbers():
     point = Delta(torch.ones(3, 2))
     assert point.draw(lambda k: pytest.fail("drawn")) is point.loc
+
+
+def test_delta_is_a_gaussian_up_to_a_constant():
+    loc, value, scale = torch.randn(5, 2), torch.randn(5, 2), torch.tensor([0.5, 3.0])
+    gaussian = torch.distributions.Normal(loc, scale).log_prob(value).sum(-1)
+    constant = torch.distributions.Normal(loc, scale).log_prob(loc).sum(-1)
+    torch.testing.assert_close(Delta(loc, scale).log_prob(value), gaussian - constant)

@@ -3,31 +3,24 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from html import escape, unescape
 from html.parser import HTMLParser
-from pathlib import Path
 from urllib.parse import quote
 
 import pandas as pd
 import pytest
+from captions import CAPTIONS
 from fake_runs import LABELS, method_of, pairs, write_metrics
 from matplotlib.figure import Figure
 
 from expertaug import plotting
 from expertaug.errors import InputError
-from expertaug.evaluation import run_record
-from expertaug.evaluation.costs import Cost
-from expertaug.evaluation.intervals import Interval
-from expertaug.evaluation.report import headline, tables
+from expertaug.evaluation.report import tables
 from expertaug.evaluation.report.page import run_stage as report
-from expertaug.evaluation.report.shown import caption
 from expertaug.evaluation.settings import ReportExperiment, ReportJob, ShownFile, TabulateJob
-from expertaug.evaluation.summary import TabledMean
 from expertaug.evaluation.tabulate import run_stage as tabulate
 from expertaug.files import write_json
 
-CAPTIONS = Path(__file__).parents[2] / "workflow" / "report"
 FIGURES = ("log_mse", "parameter_errors", "parameters", "forecasts", "curves")
 
 
@@ -218,60 +211,6 @@ def test_a_missing_file_is_one_clear_line_and_no_page(run, file, said):
     assert not (results / "report.html").exists()
 
 
-@pytest.mark.parametrize("path", sorted(CAPTIONS.glob("*.rst")), ids=lambda path: path.name)
-def test_captions_are_plain_sentences(path):
-    wildcards = {"experiment": "swing", "recording": "r0"}
-    text = caption(ShownFile(path="figures/x.png", caption=str(path), wildcards=wildcards, title="x"), "corrected")
-    assert text.endswith(".") and not re.search(r"[`*{}]|::|\.\. |None", text), "shown as they are, not as markup"
-
-
-def test_a_caption_that_names_what_it_is_not_given_is_refused(tmp_path):
-    (tmp_path / "c.rst").write_text("{{ snakemake.wildcards.recording }}")
-    with pytest.raises(InputError, match=r"no caption for figures/x\.png"):
-        caption(ShownFile(path="figures/x.png", caption=str(tmp_path / "c.rst"), wildcards={}, title="x"), "")
-
-
-def mean_of(method: str, name: str, score: float) -> TabledMean:
-    """The log-MSE of a version on a set."""
-    whose = {"experiment": "swing", "system": "pendulum", "preset": "corrected", "method": method, "label": method}
-    numbers = {"mean": score, "std": 0.1, "n": 2, "of": 2, "seeds": (0, 1), "low": score - 1, "high": 9.0}
-    return TabledMean(**whose, set=name, metric="log_mse_sum", **numbers)
-
-
-def long_table(**validation: float) -> list[TabledMean]:
-    """A long table: the log-MSE of versions on the validation set; on the test set the order is reversed."""
-    signs = (("validation", 1), ("test", -1))
-    return [mean_of(method, name, sign * score) for method, score in validation.items() for name, sign in signs]
-
-
-def test_the_validation_set_alone_chooses_what_is_shown_first():
-    scores = {"truth": -9.0, "known": -8.0, "least_squares": -1.0, "a": -3.0, "a=": -2.0, "a+": -4.0, "b+": 0.0}
-    long = long_table(**scores, **{"a+~refined": -5.0})
-    told = {"floors": ["truth"], "known_form": ["known"], "least_squares": ["least_squares"]}
-    settings = ReportExperiment(name="swing", labels=[], **told)
-    rows = dict(headline.choose_rows(long, settings))
-    assert rows == {
-        "a+~refined": "best by validation",
-        "a+": "best + by validation",
-        "a=": "its control",
-        "a": "its base",
-        "least_squares": "least squares",
-        "truth": "floor",
-    }
-    other = [one if one.set == "validation" else replace(one, mean=0.0) for one in long]
-    assert dict(headline.choose_rows(other, settings)) == rows
-    refined = ("a+~refined", "validation")
-    failed = [replace(one, n=1) if (one.method, one.set) == refined else one for one in long]
-    assert headline.choose_rows(failed, settings)[0] == ("a+", "best by validation, best + by validation")
-
-
-def test_a_gain_carries_a_star_where_it_is_told_apart():
-    mean = mean_of("a+", "test", -3.0)
-    assert tables.gain(replace(mean, gain=Interval(0.5, 0.2, 0.8, 0.01))) == "0.50* [0.20, 0.80]"
-    assert tables.gain(replace(mean, gain=Interval(0.5, -0.1, 0.8, 0.2))) == "0.50 [−0.10, 0.80]"
-    assert tables.gain(mean) == tables.gain(None) == ""
-
-
 def test_the_main_table_is_that_of_the_csv_file(run):
     results, job = run
     long = tables.read_long(results / "tables/swing_long.csv")
@@ -284,13 +223,3 @@ def test_the_main_table_is_that_of_the_csv_file(run):
     column = next(k for k, (above, name) in enumerate(zip(over, found.head, strict=True)) if "test" in above)
     assert found.head[column] == "log-MSE" and row[1] == "3"
     assert row[column] == f"{one.mean:.2f} ± {one.std:.2f}".replace("-", "−")
-
-
-def test_costs_are_summed_by_stage_the_dearest_first():
-    costs = {"evaluate/a": Cost(30, 20, 100), "train/a": Cost(3600, 3500, 900), "train/b": Cost(60)}
-    ((_, rows),) = run_record.costs_table(costs).parts
-    assert rows == [
-        ["train", "2", "1 h 01 min", "1 h 00 min", "900"],
-        ["evaluate", "1", "30 s", "30 s", "100"],
-        ["all", "3", "1 h 01 min", "1 h 00 min", "900"],
-    ]

@@ -1,4 +1,4 @@
-"""What every model must do, and the parts of the two encoders."""
+"""What every hybrid model must do, whatever it is made of."""
 
 import numpy as np
 import pytest
@@ -8,15 +8,10 @@ from cards import card
 from expertaug import systems
 from expertaug.errors import InputError
 from expertaug.models import store
-from expertaug.models.decoder import Decoder, MeanModel
-from expertaug.models.encoders.window import ComponentView
 from expertaug.models.estimators import Hybrid
 from expertaug.models.hybrid import HybridModel
-from expertaug.models.networks.layers import GRU, Standardise
-from expertaug.models.posterior import Delta
 from expertaug.systems.double_pendulum import DoublePendulum
 from expertaug.systems.pendulum import DampedPendulum
-from expertaug.systems.rlc import RLC
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
 
@@ -112,28 +107,6 @@ def test_forecast_from_the_last_observed_point_keeps_the_observation():
     assert forecast.shape == y.shape
 
 
-def test_gru_is_torchs():
-    ours, theirs = GRU(3, 4), torch.nn.GRU(3, 4)
-    with torch.no_grad():
-        theirs.weight_ih_l0.copy_(torch.cat([layer.weight.T for layer in ours.inputs]))
-        theirs.weight_hh_l0.copy_(torch.cat([layer.weight.T for layer in ours.recurrent]))
-        theirs.bias_ih_l0.copy_(torch.cat([layer.bias[0] for layer in ours.inputs]))
-        theirs.bias_hh_l0.zero_()
-        theirs.bias_hh_l0[8:] = ours.recurrent[2].bias[0]
-        x = torch.randn(7, 5, 3)
-        torch.testing.assert_close(ours(x), theirs(x)[1][0])
-
-
-def test_the_order_in_which_windows_are_written_does_not_matter():
-    system, times = RLC(), torch.arange(5) * 0.1
-    windows = {"U": [0.0, 0.4], "I": [0.1, 0.2]}
-    observed = torch.randn(5, 3, 2)
-    written, turned = (
-        ComponentView(system, times, dict(items)) for items in (windows.items(), reversed(windows.items()))
-    )
-    assert torch.equal(written(observed), turned(observed))
-
-
 def test_window_encoder_sees_its_windows_only():
     model, _ = make(DOUBLE, [0])
     y = data_for(DOUBLE, 1).clone()
@@ -153,22 +126,6 @@ def test_inputs_are_standardised_by_the_training_set():
     x = encoder.scale(encoder.inputs(observed))
     torch.testing.assert_close(x.mean(0), torch.zeros(x.shape[1]), rtol=0, atol=1e-4)
     torch.testing.assert_close(x.std(0), torch.ones(x.shape[1]), rtol=1e-3, atol=0)
-
-
-def test_mean_model_predicts_the_mean():
-    mean = torch.arange(8.0).reshape(4, 2)
-    forecast, z_e = MeanModel(DampedPendulum(), mean).predict(
-        seen(torch.zeros(2, 3, 5, 2), torch.arange(4.0)), Solver()
-    )
-    assert forecast.shape == (4, 3, 5, 2) and z_e is None
-    assert torch.equal(forecast[:, 2, 4], mean)
-
-
-def test_delta_is_a_gaussian_up_to_a_constant():
-    loc, value, scale = torch.randn(5, 2), torch.randn(5, 2), torch.tensor([0.5, 3.0])
-    gaussian = torch.distributions.Normal(loc, scale).log_prob(value).sum(-1)
-    constant = torch.distributions.Normal(loc, scale).log_prob(loc).sum(-1)
-    torch.testing.assert_close(Delta(loc, scale).log_prob(value), gaussian - constant)
 
 
 def test_bad_model_settings_are_named(tmp_path):
@@ -199,16 +156,3 @@ def test_an_encoder_from_elsewhere_needs_no_change_here():
         "encoder": {"kind": "expertaug.models.encoders.recurrent:RecurrentEncoder", "hidden": 4, "layers": [3]}
     }
     assert HybridModel(DampedPendulum(), **model).build_one(torch.arange(3) * 0.1).encoder.latent == 4
-
-
-def test_an_input_that_training_holds_constant_is_not_blown_up():
-    scale = Standardise(2)
-    scale.fit(torch.stack((torch.zeros(9), torch.arange(9.0)), dim=1))
-    assert scale(torch.tensor([[0.3, 4.0]])).tolist() == [[pytest.approx(0.3), 0.0]]
-
-
-@pytest.mark.parametrize(("description", "without_expert"), [(PENDULUM, False), (DOUBLE, True)])
-def test_z_e_means_something_without_the_expert_where_the_forecast_starts_from_it(description, without_expert):
-    system = systems.load(description["system"])
-    assert Decoder(system).knows_z_e
-    assert Decoder(system, expert=False).knows_z_e is without_expert

@@ -14,7 +14,8 @@ from expertaug.models.describe import describe
 from expertaug.models.encoders.window import WindowEncoder
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.interactions.mlp import MLPInteraction
-from expertaug.models.posterior import Gaussian
+from expertaug.models.posterior import Gaussian, constrain
+from expertaug.models.user_modules import UserEncoder, encoder_of
 from expertaug.systems.rlc import RLC
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
@@ -183,3 +184,16 @@ def test_a_lazy_layer_is_refused():
 
     with pytest.raises(InputError, match=r"encoder\.module\.trunk\.weight: is a lazy layer's"):
         recipe(Lazy).build(TIMES, [0, 1])
+
+
+def test_the_least_that_an_encoder_may_be_has_no_z_a_and_no_head_of_its_own():
+    class Last(nn.Module):
+        def forward(self, observed):
+            return observed[-1]
+
+    encoder, observed = encoder_of(Last(), SYSTEM), windows(None)
+    found = encoder(observed)
+    assert isinstance(encoder, UserEncoder) and encoder.latent == 0 and found.z_a.mean.shape == (6, 0)
+    torch.testing.assert_close(found.z_e.mean, constrain(observed[-1], SYSTEM.expert_parameters))
+    with pytest.raises(InputError, match=r"model\.encoder: Last has no head_prefix"):
+        _ = encoder.head_prefix
