@@ -178,35 +178,3 @@ def test_damaged_bytes_never_end_in_a_traceback(tmp_path, capsys, seed):
     status = main(["cut-measurements", str(path), "--output", str(tmp_path / "data"), "--settings", settings])
     said = capsys.readouterr().err
     assert status in (0, 2) and "Traceback" not in said and said.count("\n") == (status == 2)
-
-
-FILES = GIVEN | {"paths": "x.csv"}
-MISSPELT = [
-    (
-        "cut-measurements",
-        {"system": {"name": "pendulum"}, "sytem": {}, "files": FILES},
-        r"--settings\.sytem: unknown key; .*'system'",
-    ),
-    ("cut-measurements", {"files": FILES}, r"--settings\.system: missing"),
-    ("cut-measurements", {"system": {"name": "pendulum"}}, r"--settings\.files: missing"),
-    ("cut-measurements", {"system": {"name": "pendulum"}, "files": FILES, "set": "test_1s"}, r"settings\.set: unknown"),
-    (
-        "cut-measurements",
-        {"system": {"name": "pendulum"}, "files": FILES | {"split": {"by": "tme"}}},
-        r"files\.split\.by: found 'tme'; did you mean 'time'",
-    ),
-    ("cut-measured-horizon", {"system": {"name": "pendulum"}, "files": FILES}, r"--settings\.set: missing"),
-    (
-        "cut-measured-horizon",
-        {"system": {"name": "pendulum"}, "files": FILES | {"horizons_s": [2.0]}, "set": "test_1s"},
-        r"--settings\.set: found 'test_1s'; files\.horizons_s makes validation_2s, test_2s",
-    ),
-]
-
-
-@pytest.mark.parametrize(("command", "job", "message"), MISSPELT)
-def test_a_job_is_refused_before_a_file_is_read(tmp_path, capsys, command, job, message):
-    missing = str(tmp_path / "never_opened.csv")
-    assert main([command, missing, "--output", str(tmp_path / "out"), "--settings", json.dumps(job)]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and re.search(message, said), said

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import yaml
@@ -9,6 +11,7 @@ from swings import NAMES, swing
 
 from expertaug.cli import main
 from expertaug.errors import InputError
+from expertaug.measurements import dates
 from expertaug.measurements.cut import measured
 from expertaug.measurements.settings import Column, MeasurementSettings
 
@@ -101,3 +104,14 @@ def test_a_format_reads_dates_without_separators(tmp_path):
     np.testing.assert_array_equal(read(path, time_format="%Y%m%d"), 86400.0 * np.arange(3))
     with pytest.raises(InputError, match=r"row 2, column t: '20240228' is no date and time; .* is '%Y-%m'"):
         read(path, time_format="%Y-%m")
+
+
+def test_moments_are_seconds_from_the_first_on_and_what_is_none_is_told():
+    cells = np.array(["2024-02-28 23:59:59", "noon", "2024-03-01"], dtype=object)
+    found, none = dates.seconds(Path("a.csv"), "t", cells, None)
+    assert none.tolist() == [False, True, False] and found[[0, 2]].tolist() == [0.0, 86401.0]
+
+
+def test_the_time_of_day_that_a_spreadsheet_adds_to_a_date_gives_way_to_the_clocks():
+    joined = dates.join_texts(np.array(["01.03.2024 00:00:00", "02.03.2024"]), np.array(["10:30", "11:00"]))
+    assert joined.tolist() == ["01.03.2024 10:30", "02.03.2024 11:00"]

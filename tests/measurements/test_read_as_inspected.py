@@ -11,8 +11,8 @@ import yaml
 import expertaug as ea
 from expertaug.cli import main
 from expertaug.errors import InputError
-from expertaug.measurements.sensors import jumps_by_turns, marks_of_nothing
-from expertaug.measurements.units import parse, parse_header
+from expertaug.measurements.sensors import jumps_by_turns
+from expertaug.measurements.units import parse
 
 T = np.arange(400) * 0.05
 DEG = 180 / math.pi
@@ -59,24 +59,6 @@ def test_no_unit_is_a_thousand_or_more_of_an_angle(unit, look):
     assert parse(unit) is None
     error = look(f"t,theta [{unit}],omega [{unit}/s]", T, DEG * THETA, DEG * OMEGA, status=2)
     assert f"the unit '{unit}' is not understood" in error
-
-
-def test_small_parts_of_a_radian_are_units():
-    assert parse("mrad").factor == pytest.approx(1e-3) and parse("urad").factor == pytest.approx(1e-6)
-    assert parse("kohm").factor == 1e3 and parse("MHz").factor == 1e6
-
-
-@pytest.mark.parametrize(
-    ("header", "name"),
-    [("deg_theta", "theta"), ("deg_s_omega", "omega"), ("rpm_motor", "motor"), ("OMEGA_DEG_PER_S", "OMEGA")],
-)
-def test_a_unit_may_stand_in_front_and_in_capitals(header, name):
-    found = parse_header(header)
-    assert found.name == name and parse(found.unit) is not None
-
-
-def test_words_in_front_are_no_units():
-    assert parse_header("min_theta").unit == parse_header("in_x").unit == parse_header("h_theta").unit == ""
 
 
 @pytest.mark.parametrize(
@@ -146,15 +128,6 @@ def test_a_huge_mark_is_proposed_as_it_can_be_read(tmp_path, look):
     theta[5::50] = 1e99
     said, data = look("t,theta,omega", T, theta, OMEGA)
     assert data["files"]["missing"] == [1e99] and "1.0e+99" in said.partition("missing: ")[2]
-
-
-@pytest.mark.parametrize(
-    "values",
-    [THETA, np.round(THETA, 1), np.r_[THETA[:200], 5 + THETA[200:]], np.where(T > 5, 1.0, 0.0), np.r_[THETA, 9.0]],
-    ids=["a swing", "quantised", "two levels", "a step", "one outlier"],
-)
-def test_what_is_measured_is_no_mark(values):
-    assert marks_of_nothing(values) == []
 
 
 # Angles

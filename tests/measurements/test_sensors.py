@@ -5,45 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
-from swings import NAMES, swing
+from logged import T, Y, csv, rows_of
+from swings import NAMES
 
-from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.measurements.cut import all_chunks, measured
-from expertaug.measurements.settings import MeasurementSettings, Pivot, TableKeys
-from expertaug.measurements.table import read_table
+from expertaug.measurements.sensors import marks_of_nothing
+from expertaug.measurements.settings import MeasurementSettings
 from nightly import others_slow
-
-T = 0.05 * np.arange(400)
-Y = swing(1.0, points=400) + 0.005 * np.random.default_rng(0).standard_normal((400, 2))
-
-
-@pytest.fixture
-def inspected(tmp_path, capsys):
-    """What is said of a text file, and the block ``data`` that is proposed."""
-
-    def look(text: str, *options: str, status: int = 0, system: str = "pendulum"):
-        path = tmp_path / "a.csv"
-        path.write_text(text)
-        picture = ["--output", str(tmp_path / "x.png")]
-        assert main(["inspect-data", str(path), "--system", system, *picture, *options]) == status
-        told = capsys.readouterr()
-        if status:
-            return told.err, None
-        return told.out, yaml.safe_load(told.out)["experiments"]["measured"]["data"]
-
-    return look
-
-
-def csv(theta=Y[:, 0], omega=Y[:, 1], t=T, header="t,theta,omega", form="{:.5f}"):
-    cells = [
-        [one if isinstance(one, str) else form.format(one) for one in row] for row in zip(t, theta, omega, strict=True)
-    ]
-    return "\n".join([header, *map(",".join, cells)]) + "\n"
-
-
-def rows_of(data):
-    return measured(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.series[0].rows
 
 
 def test_a_quantised_sensor_has_the_noise_of_its_steps_and_chunks_span_its_swings(inspected):
@@ -100,62 +69,10 @@ def test_texts_may_be_marks(tmp_path, inspected):
     assert data["files"]["missing"] == ["OVR"] and np.isnan(rows_of(data).y[:, 0]).sum() == 45
 
 
-@pytest.mark.parametrize(
-    ("numbers", "keys"),
-    [
-        (
-            lambda v: f"{v:,.1f}".replace(",", " ").replace(".", ",").replace(" ", "."),
-            {"thousands": ".", "decimal": ","},
-        ),
-        (lambda v: f"{v:,.1f}", {"thousands": ","}),
-        (lambda v: f"{v:,.0f}".replace(",", "."), {"thousands": ".", "decimal": ","}),
-        (lambda v: f"{v:,.2f}".replace(",", "'"), {"thousands": "'"}),
-    ],
-    ids=["1.234,5", "1,234.5", "1.234", "1'234.50"],
-)
-def test_thousands_are_recognised(inspected, numbers, keys):
-    lines = ["t;theta;omega", *(f"{k};{numbers(3000 * a)};{numbers(3000 * b)}" for k, (a, b) in enumerate(Y))]
-    told, data = inspected("\n".join(lines) + "\n")
-    found = {key: data["files"].get(key, ".") for key in ("thousands", "decimal")}
-    assert found == {"decimal": "."} | keys and "separates thousands" in told
-    np.testing.assert_allclose(rows_of(data).y, 3000 * Y, atol=0.51)
-
-
-def test_fractions_of_three_digits_are_fractions(inspected):
-    for form in ("{:.3f}", "{:.4g}"):
-        assert "thousands" not in inspected(csv(form=form))[1]["files"]
-
-
 def test_saturation_is_said(inspected):
     told, _ = inspected(csv(np.minimum(Y[:, 0], 0.6)))
     assert "'theta' stays at 0.6, an end of its range, for up to" in told
     assert "saturated" not in inspected(csv())[0] + inspected(csv(form="{:.2f}"))[0]
-
-
-PREAMBLES = {
-    "words": "Device: logger 7\nSerial 1234\nStart: 2021-03-28 10:00\n\n",
-    "pairs": "Writer,2\nSeparator,Comma\nDate,2021/03/28\n***End***\n\nChannels,2,\nSamples,400,400,\n",
-    "one word": "Measurement\n",
-}
-
-
-@pytest.mark.parametrize("above", PREAMBLES)
-@pytest.mark.parametrize("units", ["", "s,rad,rad/s\n"])
-def test_lines_of_a_logger_above_the_table_are_skipped(inspected, above, units, tmp_path):
-    header, _, rows = csv().partition("\n")
-    text = f"{PREAMBLES[above]}{header}\n{units}{rows}"
-    told, data = inspected(text)
-    assert data["files"]["skip_lines"] == PREAMBLES[above].count("\n") and "lines above the table" in told
-    np.testing.assert_allclose(rows_of(data).y, Y, atol=1e-5)
-    if above != "one word":
-        with pytest.raises(InputError, match=f"skip_lines to {PREAMBLES[above].count(chr(10))}"):
-            read_table(tmp_path / "a.csv", TableKeys())
-
-
-def test_what_a_spreadsheet_leaves_at_the_right_and_below_is_nothing(inspected):
-    text = "\n".join(f"{line},,," for line in csv().splitlines()) + "\n,,,,,\n,,,,,\n"
-    told, data = inspected(text)
-    assert "400 rows" in told and "not read" not in told and list(data["files"]["columns"]) == ["theta", "omega"]
 
 
 def test_rows_off_the_grid_are_said_everywhere(inspected, tmp_path):
@@ -192,45 +109,16 @@ def test_sets_are_called_what_they_are(inspected, number, by):
     assert ("on which scores depend" in told) == (number == 4)
 
 
-LONG = [
-    "sensor,t,value",
-    *(f"{n},{t:.2f},{v:.5f}" for k, n in enumerate(("theta", "omega")) for t, v in zip(T, Y[:, k], strict=True)),
-]
-
-
-@pytest.mark.parametrize("order", ["by sensor", "by time"])
-def test_long_tables_are_pivoted(inspected, order):
-    rows = LONG[1:] if order == "by sensor" else sorted(LONG[1:], key=lambda row: float(row.split(",")[1]))
-    told, data = inspected("\n".join([LONG[0], *rows]) + "\n")
-    assert data["files"]["pivot"] == {"name": "sensor", "value": "value"} and "long format" in told
-    np.testing.assert_allclose(rows_of(data).y, Y, atol=1e-5)
-
-
-def test_long_tables_of_several_trajectories_units_and_rates(inspected):
-    rows = [
-        f"{run};{t:.2f};{name};{180 / np.pi * v:.5f};{unit};{k % 3}"
-        for run in range(3)
-        for k, (t, both) in enumerate(zip(T, Y, strict=True))
-        for name, unit, v in zip(("angle", "speed"), ("deg", "deg/s"), both, strict=True)
-        if name == "angle" or k % 2 == 0
-    ]
-    _, data = inspected("\n".join(["run;time [s];channel;reading;unit;quality", *rows]) + "\n")
-    assert data["files"]["pivot"]["unit"] == "unit"
-    assert data["files"]["columns"]["theta"] == {"name": "angle", "unit": "deg"}
-    grid = measured(MeasurementSettings.from_mapping(data["files"]), NAMES).grid
-    assert len(grid.series) == 3
-    np.testing.assert_allclose(grid.series[1].rows.y[:, 0], Y[:, 0], atol=1e-5)
-    assert np.isnan(grid.series[1].rows.y[1::2, 1]).all()
-
-
-def test_a_sensors_second_value_of_one_moment_is_refused(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("sensor,t,value\na,0,1\nb,0,2\na,0,3\n")
-    with pytest.raises(InputError, match="row 4: another row has sensor a at t 0"):
-        read_table(path, TableKeys(pivot=Pivot(name="sensor", value="value")))
-
-
 @pytest.mark.parametrize("given", ["paths=x", "skip_lines", "missing=[", "columns={}"])
 def test_keys_that_are_none(inspected, given):
     told, _ = inspected(csv(), "--set", given, status=2)
     assert "--set" in told and len(told.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "values",
+    [Y[:, 0], np.round(Y[:, 0], 1), np.r_[Y[:200, 0], 5 + Y[200:, 0]], np.where(T > 5, 1.0, 0.0), np.r_[Y[:, 0], 9.0]],
+    ids=["a swing", "quantised", "two levels", "a step", "one outlier"],
+)
+def test_what_is_measured_is_no_mark(values):
+    assert marks_of_nothing(values) == []

@@ -1,9 +1,14 @@
 """Tables whose times go back: rows out of order are sorted, experiments that follow each other are never mixed."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from expertaug.cli import main
+from expertaug.errors import InputError
+from expertaug.measurements.table import Table
+from expertaug.measurements.time_order import check_sortable, is_since_1970
 
 T = np.arange(60) * 0.05
 THETA, OMEGA = np.cos(2 * T), -2 * np.sin(2 * T)
@@ -111,3 +116,15 @@ def test_a_unit_that_is_told_is_believed(tmp_path, capfd):
     path = table(tmp_path / "x.csv", "time,theta,omega", zip(map(repr, times.tolist()), THETA, OMEGA, strict=True))
     assert main(["inspect-data", str(path), "--system", "pendulum", "--unit", "time=ms"]) == 0
     assert "step: 0.05 s" in capfd.readouterr().out
+
+
+def test_what_counts_since_1970_is_told_by_its_size():
+    assert [is_since_1970(1.7e9 * factor) for factor in (1, 1e3, 1e6, 1e9)] == [None, "ms", "us", "ns"]
+
+
+def test_pieces_that_do_not_overlap_are_put_in_order_where_somebody_asks_for_it():
+    halves, rows = np.r_[T[30:], T[:30]], [np.arange(60)]
+    seen = Table(Path("a.csv"), {"t": halves}, np.arange(2, 62))
+    check_sortable(seen, halves, rows, apart=True)
+    with pytest.raises(InputError, match=r"row 32: the time goes back by 2.95 s, .* as if 2 trajectories followed"):
+        check_sortable(seen, halves, rows)

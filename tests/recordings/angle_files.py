@@ -1,5 +1,10 @@
 """What measure_angles would say of a recording that nobody measured."""
 
+import numpy as np
+import pandas as pd
+from pendulum_motion import CONSTANTS
+
+from expertaug.systems.double_pendulum import energy
 from expertaug_recordings.angles.summary import RecordingSummary
 
 
@@ -37,3 +42,20 @@ def summary(name, frames, rate_hz, arms, pivot, **change):
         "energy_end": 200.0,
     }
     return RecordingSummary(**{**numbers, **counts, **values, **change})
+
+
+def write_angles(folder, y, rate=400.0, gaps=(), half=()):
+    """angles.csv of true states; ``gaps`` and ``half`` are (start, stop) of unusable and of interpolated frames."""
+    quality = np.ones(len(y))
+    y = y.copy()
+    for start, stop in gaps:
+        quality[start:stop], y[start:stop] = 0, np.nan
+    for start, stop in half:
+        quality[start:stop] = 0.5
+    table = pd.DataFrame({"frame": np.arange(len(y)), "t": np.arange(len(y)) / rate})
+    for k, name in enumerate(("theta1", "theta2", "omega1", "omega2")):
+        table[name] = y[:, k]
+    table["energy"], table["quality"], table["reason"] = energy(y, CONSTANTS), quality, ""
+    folder.mkdir(parents=True, exist_ok=True)
+    table.to_csv(folder / "angles.csv", index=False)
+    return folder / "angles.csv"

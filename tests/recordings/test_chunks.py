@@ -3,38 +3,20 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from angle_files import write_angles
 from pendulum_motion import CONSTANTS, real_recordings, truth
 
 from expertaug.errors import InputError
 from expertaug.measurements.settings import ChunkLimits
-from expertaug.measurements.splitting import SPLITS, keep_apart, number_segments
-from expertaug.systems.double_pendulum import energy
+from expertaug.measurements.splitting import SPLITS
 from expertaug.trajectories import Trajectories
 from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.chunks import cut_horizon, split_chunks
 from expertaug_recordings.ibm import import_markers, list_marker_files
-from expertaug_recordings.reports.splits import run_stage as plot_splits
 from expertaug_recordings.settings import ChunkKeys, CutHorizonJob, ImportMarkersJob, MeasureAnglesJob, SplitChunksJob
 from nightly import others_slow
 
 SMALL = {"min_chunks": 1, "guard_s": 0.0}
-
-
-def write_angles(folder, y, rate=400.0, gaps=(), half=()):
-    """angles.csv of true states; ``gaps`` and ``half`` are (start, stop) of unusable and of interpolated frames."""
-    quality = np.ones(len(y))
-    y = y.copy()
-    for start, stop in gaps:
-        quality[start:stop], y[start:stop] = 0, np.nan
-    for start, stop in half:
-        quality[start:stop] = 0.5
-    table = pd.DataFrame({"frame": np.arange(len(y)), "t": np.arange(len(y)) / rate})
-    for k, name in enumerate(("theta1", "theta2", "omega1", "omega2")):
-        table[name] = y[:, k]
-    table["energy"], table["quality"], table["reason"] = energy(y, CONSTANTS), quality, ""
-    folder.mkdir(parents=True, exist_ok=True)
-    table.to_csv(folder / "angles.csv", index=False)
-    return folder / "angles.csv"
 
 
 def frames_of(folder, step=4, length=20):
@@ -140,12 +122,6 @@ def test_max_chunks_is_an_even_and_repeatable_subset(tmp_path):
     assert (tmp_path / "a" / "train.npz").read_bytes() == (tmp_path / "b" / "train.npz").read_bytes()
 
 
-def test_segments_and_guard():
-    measured = np.array([1, 1, 1, 1, 1, 0, 1, 1, 0, 1, 1, 1, 1], dtype=bool)
-    assert number_segments(measured, 2).tolist() == [0, 0, 1, 1, 1, -1, 2, 2, -1, 3, 3, 4, 4]
-    assert keep_apart(np.array([2, 2, 2, 1, 1, -1, 0, 0]), 1).tolist() == [2, 2, -1, -1, -1, -1, -1, 0]
-
-
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -191,32 +167,6 @@ def test_two_recordings_of_one_name_and_a_broken_table(tmp_path):
     angles.write_text("frame,t\n0,0\n")
     with pytest.raises(InputError, match="column theta1 is missing"):
         split_chunks([angles], tmp_path / "data", SplitChunksJob())
-
-
-@pytest.mark.slow
-def test_figure(tmp_path):
-    angles = [write_angles(tmp_path / f"r{k}", y) for k, y in enumerate(truth()[:, :8000])]
-    split_chunks(angles, tmp_path / "data", SplitChunksJob(**SMALL))
-    plot_splits(tmp_path / "data", [tmp_path / "splits.png", tmp_path / "splits.pdf"])
-    assert (tmp_path / "splits.png").stat().st_size > 20_000 and (tmp_path / "splits.pdf").stat().st_size > 5_000
-    chunks, figure = tmp_path / "data" / "chunks.csv", tmp_path / "again.png"
-    lines = chunks.read_text().splitlines(keepends=True)
-    for text, message in (
-        ("".join(lines[:2]), r"energies of 1 train chunks, train\.npz has"),
-        ("".join(line.rpartition(",")[0] + "\n" for line in lines), "not a table of chunks"),
-        ("".join([*lines[:5], lines[5].rpartition(",")[0], ",much\n", *lines[6:]]), "not a table of chunks"),
-        ("", "not a table of chunks"),
-    ):
-        chunks.write_text(text)
-        with pytest.raises(InputError, match=message):
-            plot_splits(tmp_path / "data", figure)
-    chunks.unlink()
-    with pytest.raises(InputError, match="no such file"):
-        plot_splits(tmp_path / "data", figure)
-    Trajectories(np.arange(3) / 10, np.zeros((4, 3, 3)), np.zeros((4, 2))).save(tmp_path / "data" / "test.npz")
-    with pytest.raises(InputError, match=r"test\.npz: y has shape \(4, 3, 3\); chunks are \(N, T, 4\)"):
-        plot_splits(tmp_path / "data", figure)
-    assert not figure.exists()
 
 
 @pytest.mark.slow
@@ -272,9 +222,3 @@ def test_recordings_too_short_for_a_horizon_are_refused_in_one_line(tmp_path):
 def test_horizons_that_make_no_sense(tmp_path, horizons, message):
     with pytest.raises(InputError, match=message):
         split_chunks([tmp_path / "a.csv"], tmp_path / "data", SplitChunksJob.from_mapping({"horizons_s": horizons}))
-
-
-def test_names_of_long_sets():
-    found = SplitChunksJob(horizons_s=[1.0, 0.5]).horizons
-    assert list(found) == ["validation_1s", "test_1s", "validation_500ms", "test_500ms"]
-    assert found["test_500ms"] == ("test", 0.5)

@@ -1,10 +1,11 @@
 """Markers placed by hand: applied, flagged as such, and part of the job's settings."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 from pendulum_motion import markers, truth
-from test_inspect import FILES
 
 from expertaug.config import load as config
 from expertaug.config import recording_settings
@@ -13,6 +14,7 @@ from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.corrections import Correction, read_corrections
 from expertaug_recordings.settings import MeasureAnglesJob
 
+FILES = [Path(__file__).parents[2] / "config" / "config.yaml"]
 TIP = ["tip_x", "tip_y"]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -29,7 +29,6 @@ from expertaug_recordings.reports.review import (
 )
 from expertaug_recordings.settings import ImportMarkersJob, OverlayJob, RenderVideoJob, SplitChunksJob
 from expertaug_recordings.tables import PLACES
-from expertaug_recordings.unpacking import Member, chosen_members
 from expertaug_recordings.video.frame_store import frames_apart, refuse_slow
 
 COUNT = 60
@@ -83,22 +82,6 @@ def test_markers_of_a_table_of_text():
     assert table["t"].tolist() == pytest.approx([0, 1 / job.rate_hz, 2 / job.rate_hz])
     with pytest.raises(InputError, match="markers: row 4, column x_green: 'a' is no number"):
         parse_markers(text + "1,2,3,a,5,6\n")
-
-
-def test_which_members_of_an_archive_are_unpacked():
-    listed = [Member("a/", 0, False, False), Member("a/1.csv", 9, True, False), Member("a/README", 9, True, False)]
-
-    def csvs(paths):
-        return [path for path in paths if path.suffix == ".csv"]
-
-    assert chosen_members(listed, csvs) == [(PurePosixPath("a/1.csv"), "a/1.csv")]
-    for member, problem in (
-        (Member("b", 0, False, True), "member 'b' is a link or a device"),
-        (Member("../b.csv", 1, True, False), "would land outside"),
-        (Member("c.csv", 2**31, True, False), "take more than 1024 MiB"),
-    ):
-        with pytest.raises(InputError, match=f"archive: .*{problem}"):
-            chosen_members([*listed, member], csvs)
 
 
 def test_an_overlay(clip):

@@ -1,235 +1,149 @@
-"""The command check-system: each mistake in a class or a configuration of one's own is one line, before any job."""
+"""What is wrong with a system is one line that names the class, the method and the remedy."""
 
-from __future__ import annotations
-
-import logging
-import re
-import sys
-
+import numpy as np
 import pytest
 import torch
-import yaml
 
-from expertaug import cli
-from expertaug.config import load as config
-from expertaug.config.models import Configuration
-from expertaug.runs.own_classes import check_classes
-from test_own_system import EXPERIMENT, SYSTEM
+from expertaug import systems
+from expertaug.errors import InputError
+from expertaug.systems import Parameter, System
+from expertaug.systems.check_system import check_system
+from expertaug.systems.double_pendulum import DoublePendulum
+from expertaug.systems.solvers.solver import Solver
 
-TRUTH = "return self._rates(y, z_e, 1 / (1 + z_a[..., 0] * y[..., 0]))"
-EXPERT = "return self._rates(y, z_e, 1.0)"
-SAMPLER = "return 1 + 3 * torch.rand(n, 2, generator=generator, dtype=torch.float64)"
-PARTS = (
-    "from plain_parts import *\n\nclass NumberOfLayers(LinearEncoder):\n    def __init__(self, system, times, layers):"
-)
-PARTS += "\n        super().__init__(system, times, layers[0])\n"
-ONE = ("experiments", "predation")
-ENCODER, INTERACTION = ("model", "encoder"), ("model", "interaction")
-SYSTEM_FILE = r"experiments\.predation, system \(own/predation\.py\): LotkaVolterra"
+CONSTANTS = {"B1": 0.103, "G1": 69.4, "B2": 1.35, "G2": 93.5}
 
 
-@pytest.fixture
-def project(tmp_path, monkeypatch):
-    """Writes a system and a configuration, with changes, into a folder that Python finds; gives the file."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
-    for name in [name for name in sys.modules if name.partition(".")[0] == "own"]:
-        monkeypatch.delitem(sys.modules, name)
-    root = logging.getLogger()
-    handlers, level = list(root.handlers), root.level
+class Decay(System):
+    """y' = −k y, and a hidden −c y²."""
 
-    def written(*replaced: tuple[str, str], **changes):
-        text = SYSTEM
-        for old, new in replaced:
-            assert old in text
-            text = text.replace(old, new)
-        (tmp_path / "own").mkdir()
-        for name, content in (("__init__", ""), ("predation", text), ("parts", PARTS)):
-            (tmp_path / "own" / f"{name}.py").write_text(content)
-        (tmp_path / "my.yaml").write_text(yaml.safe_dump(config.merge(yaml.safe_load(EXPERIMENT), changes)))
-        return tmp_path / "my.yaml"
+    state = (Parameter("y"),)
+    expert_parameters = (Parameter("k", "1/s"),)
+    interaction_parameters = (Parameter("c"),)
 
-    yield written
-    for name in [name for name in sys.modules if name.partition(".")[0] == "own"]:
-        del sys.modules[name]
-    root.handlers, root.level = handlers, level
+    def expert(self, t, y, z_e):
+        return -z_e * y
 
+    def truth(self, t, y, z_e, z_a):
+        return self.expert(t, y, z_e) - z_a * y**2
 
-def one(value: object, *path: str) -> dict:
-    """A change of the experiment at a path."""
-    for key in reversed((*ONE, *path)):
-        value = {key: value}
-    return value
-
-
-def objective(name: str, **options: object) -> dict:
-    found = {"methods": {"own": {"kind": "hybrid", "label": "Own", "objective": name}}}
-    return found | one({"methods": ["own"], "augmented": [], "training": {"objective": options}})
-
-
-def test_what_is_right_is_told_line_by_line(project, capsys):
-    assert cli.main(["check-system", str(project())]) == 0
-    assert capsys.readouterr().out.splitlines() == [
-        "predation: system LotkaVolterra checked",
-        "predation: method expert_only checked",
-        "predation: method aphynity checked",
-    ]
+    def sample_initial_state(self, n, generator):
+        return torch.rand(n, 1, generator=generator, dtype=torch.float64)
 
 
 @pytest.mark.parametrize(
-    "change",
+    "settings",
     [
-        one({"kind": "plain_parts:LinearEncoder"}, *ENCODER),
-        one({"kind": "plain_parts:KeywordEncoder", "gain": 2.0}, *ENCODER),
-        one({"kind": "plain_parts:SpectralInteraction"}, *INTERACTION),
-        one([5.0, 6.0], "training", "objective", "lambda0"),
-        {"seeds": [0, 1, 2], "seeds_per_job": 3} | one([5.0, 6.0, 7.0], "training", "objective", "lambda0"),
-        one({"methods": ["hvae"], "augmented": ["hvae"]})
-        | {"methods": {"hvae": {"kind": "hybrid", "label": "HVAE", "objective": "hvae"}}}
-        | one({"kind": "two_step", "latent_layers": [4], "filter_layers": [4], "expert_layers": [4]}, *ENCODER),
+        {"name": "pendulum"},
+        {"name": "rlc"},
+        {"name": "reaction_diffusion"},
+        {"name": "reaction_diffusion", "reaction": "without_k"},
+        {"name": "field_systems:Fisher"},
     ],
 )
-def test_ordinary_parts_pass(project, change):
-    assert cli.main(["check-system", str(project(**change))]) == 0
+def test_every_simulated_system_passes(settings):
+    check_system(systems.load(settings), solver=Solver("lawson4"))
 
 
-MISTAKES = {
-    "truth": ([(TRUTH, f"{TRUTH}[..., 0]")], {}, rf"{SYSTEM_FILE}\.truth gives shape \(3,\); give \(3, 2\)"),
-    "expert": ([(EXPERT, f"{EXPERT}.sum(-1)")], {}, rf"{SYSTEM_FILE}\.expert gives shape \(3,\); give \(3, 2\)"),
-    "initial_state": (
-        [(EXPERT, f"{EXPERT}\n\n    def initial_state(self, y0, z_e):\n        return y0[..., 0]")],
-        {},
-        rf"{SYSTEM_FILE}\.initial_state gives shape \(3,\); give \(3, 2\)",
+def test_a_recorded_system_passes():
+    check_system(DoublePendulum(constants=CONSTANTS), simulated=False)
+
+
+def test_ranges_that_fit_pass():
+    check_system(Decay(), z_e={"k": [0.1, 2.0]}, z_a={"c": [0.0, 1.0]})
+
+
+def made(**methods) -> System:
+    return type("Wrong", (Decay,), methods)()
+
+
+unseeded = {"sample_initial_state": lambda self, n, generator: torch.rand(n, 1, dtype=torch.float64)}
+MISTAKES = [
+    ({"state": ("y",)}, r"Wrong\.state is tuple \('y',\); give a tuple of Parameter"),
+    ({"state": (Parameter("y"), Parameter("y"))}, r"Wrong\.state names y, y; every name once"),
+    ({"expert_parameters": (Parameter("k", scale=0.0),)}, r"k has the scale 0\.0"),
+    ({"state_shape": (2, 4)}, r"state_shape is \(2, 4\) and state has 1 components"),
+    ({"truth": System.truth}, r"Wrong does not define truth; simulated data need it"),
+    (
+        {"truth": lambda self, t, y, z_e, z_a: y[..., 0]},
+        r"sys\.yaml: Wrong\.truth gives shape \(3,\); give \(3, 1\): \(samples, \*state\)",
     ),
-    "sampler_shape": ([(SAMPLER, f"{SAMPLER}[:, 0]")], {}, rf"{SYSTEM_FILE}\.sample_initial_state gives shape \(3,\)"),
-    "numpy": ([(EXPERT, f"{EXPERT}.detach().numpy()")], {}, rf"{SYSTEM_FILE}\.expert gives ndarray; give a torch tens"),
-    "unseeded": (
-        [(SAMPLER, SAMPLER.replace(" generator=generator,", ""))],
-        {},
-        rf"{SYSTEM_FILE}\.sample_initial_state gives other states for the same generator; draw with generator=gen",
+    ({"truth": lambda self, t, y, z_e, z_a: y.float()}, r"Wrong\.truth gives torch\.float32 for torch\.float64"),
+    ({"expert": lambda self, t, y, z_e: (-z_e * y).numpy()}, r"Wrong\.expert gives ndarray; give a torch tensor"),
+    ({"expert": lambda self, t, y, z_e: -z_e * y.sum(0)}, r"Wrong\.expert mixes samples; every sample's"),
+    (
+        {"expert": lambda self, t, y, z_e: -z_e[:, :1] * y},
+        r"Wrong\.expert mixes seeds; every",
     ),
-    "constructor": (
-        [("b: float = 0.5", "b=0.5"), ("self.b, self.d = b, d", "self.b, self.d = b + 0.0, d")],
-        one("0,5", "system", "b"),
-        r"experiments\.predation\.system: system: LotkaVolterra refuses its arguments \(TypeError: .*; correct them",
+    (
+        {"expert": lambda self, t, y, z_e: -z_e * y * torch.rand(())},
+        r"Wrong\.expert gives other values when called twice",
     ),
-    "text_for_a_number": (
-        [],
-        one("much", "system", "b"),
-        r"experiments\.predation\.system\.b: found 'much'; give a num",
+    ({"expert": lambda self, t, y, z_e: y / 0}, r"Wrong\.expert gives a value that is not finite"),
+    (
+        {"expert": lambda self, t, y, z_e: y * torch.ones(1).double()},
+        r"Wrong\.expert gives torch\.float64 for torch\.float32",
     ),
-    "negative_range": (
-        [],
-        one([-0.5, 1.0], "data", "sets", "test", "z_e", "a"),
-        r"experiments\.predation\.data\.sets\.test\.z_e: a of LotkaVolterra is positive and its range starts at -0\.5",
+    ({"expert": lambda self, t, y, z_e: y.nothing}, r"Wrong\.expert fails \(AttributeError: .*nothing"),
+    (
+        {"expert": lambda self, t, y, z_e: -z_e.detach() * y},
+        r"Wrong\.expert does not depend on z_e, or loses its gradient",
     ),
-    "negative_prior": (
-        [],
-        one([-1.0, 1.0], "augmentation", "prior", "c"),
-        r"experiments\.predation\.augmentation\.prior: c of LotkaVolterra is positive and its range starts at -1; nar",
+    (
+        {"expert": lambda self, t, y, z_e: -torch.sqrt(z_e - z_e) * y},
+        r"Wrong\.expert has a gradient by z_e that is not finite",
     ),
-    "diverging": (
-        [(TRUTH, TRUTH.replace("y[..., 0]))", "y[..., 0])) + y.square().square()"))],
-        {},
-        r"experiments\.predation, system \(own/predation\.py\): LotkaVolterra, set train.*; narrow the ranges, or corr",
+    (
+        {"sample_initial_state": lambda self, n, generator: torch.rand(n, generator=generator, dtype=torch.float64)},
+        r"Wrong\.sample_initial_state gives shape \(3,\); give \(3, 1\)",
     ),
-    "layers_of_own": (
-        [],
-        one({"kind": "own.parts:NumberOfLayers", "layers": "16"}, *ENCODER),
-        r"experiments\.predation, expert_only \(own/parts\.py\): model\.encoder: .*NumberOfLayers refuses its argum",
+    (
+        {"sample_initial_state": lambda self, n, generator: torch.rand(n, 1, generator=generator)},
+        r"Wrong\.sample_initial_state gives torch\.float32 for torch\.float64",
     ),
-    "layers": ([], one("16", *ENCODER, "layers"), r"experiments\.predation\.model\.encoder\.layers: found '16'; give"),
-    "activation": (
-        [],
-        one("zzz", *ENCODER, "activation"),
-        r"experiments\.predation\.model\.encoder\.activation: found 'zzz'; ",
+    ({"sample_initial_state": lambda self, n, generator: np.zeros((n, 1))}, r"sample_initial_state gives ndarray"),
+    (unseeded, r"Wrong\.sample_initial_state gives other states for the same generator; draw with generator=generator"),
+    ({"kinematics": lambda self, y: y.sum(-1)}, r"Wrong\.kinematics gives shape \(3,\)"),
+    ({"observe": lambda self, y: y.sum()}, r"Wrong\.observe gives shape \(\); begin with the samples"),
+    ({"features": lambda self, y: y.double()}, r"Wrong\.features gives torch\.float64 for torch\.float32"),
+    ({"initial_state": lambda self, y0, z_e: z_e.sum(-1)}, r"Wrong\.initial_state gives shape \(3,\); give \(3, 1\)"),
+    (
+        {
+            "linear_flow": lambda self, z_e, h: lambda y: y * torch.exp(-2 * h * z_e),
+            "nonlinear": lambda self, t, y, z_e: 0 * y,
+        },
+        r"Wrong\.linear_flow and nonlinear do not add up to expert",
     ),
-    "window": ([], one([0, 5], *ENCODER, "windows", "z"), r"encoder\.windows\.z: 'z' is no component of the state; "),
-    "window_past_t1": (
-        [],
-        one([0, 6], *ENCODER, "windows", "x"),
-        r"encoder\.windows\.x: found \[0\.?0?, 6\.?0?\] s; choose",
-    ),
-    "component": (
-        [],
-        one(["x", "q"], *INTERACTION, "components"),
-        r"interaction\.components\[1\]: 'q' is no component of the state; ",
-    ),
-    "encoder_shape": (
-        [],
-        one({"kind": "plain_parts:FlatEncoder"}, *ENCODER),
-        r"experiments\.predation, expert_only \(.*plain_parts\.py\): model\.encoder: FlatEncoder gives z_e of",
-    ),
-    "interaction_shape": (
-        [],
-        one({"kind": "plain_parts:WrongShape"}, *INTERACTION),
-        r"experiments\.predation, aphynity \(.*plain_parts\.py\): model\.interaction: WrongShape gives sh",
-    ),
-    "dropout": ([], one({"kind": "plain_parts:DropoutEncoder"}, *ENCODER), r"DropoutEncoder draws random numbers"),
-    "loss": (
-        [],
-        objective("plain_parts:ScalarLoss"),
-        r"the loss of ScalarLoss has shape \(\); give one number for each seed, \(2,\)",
-    ),
-    "cuda": ([], {"device": "cuda"}, r"device: 'cuda', and torch finds none here; give auto or cpu"),
-}
-IN_CONSTRUCTOR = [
-    ('    state = (Parameter("x"), Parameter("y"))\n', ""),
-    ("self.b, self.d = b, d", 'self.b, self.d = b, d\n        self.state = (Parameter("x"), Parameter("y"))'),
+    ({"nonlinear": lambda self, t, y, z_e: 0 * y}, r"Wrong\.linear_flow gives None, and nonlinear leaves a part out"),
 ]
-MISTAKES["window_past_t1_of_a_state_made_later"] = (IN_CONSTRUCTOR, *MISTAKES["window_past_t1"][1:])
-MISTAKES["component_of_a_state_made_later"] = (
-    IN_CONSTRUCTOR,
-    MISTAKES["component"][1],
-    r"experiments\.predation, aphynity: model\.interaction\.components: 'q'; components of the state: x, y",
+
+
+@pytest.mark.parametrize(("methods", "expected"), MISTAKES)
+def test_each_mistake_is_one_line(methods, expected):
+    with pytest.raises(InputError, match=expected) as caught:
+        check_system(made(**methods), "sys.yaml", solver=Solver("lawson4"))
+    assert "\n" not in str(caught.value) and str(caught.value).startswith("sys.yaml: ")
+
+
+def test_an_axis_of_seeds_is_tried():
+    wrong = made(expert=lambda self, t, y, z_e: -torch.stack([z_e[:, 0] * y[:, 0]], dim=1))
+    with pytest.raises(
+        InputError, match=r"Wrong\.expert gives shape .* for 2 seeds; give \(2, 3, 1\): index components"
+    ):
+        check_system(wrong)
+
+
+@pytest.mark.parametrize(
+    ("ranges", "expected"),
+    [
+        (
+            {"z_e": {"k": [-1.0, 1.0]}},
+            "k of Decay is positive and its range starts at -1; narrow the range, or declare",
+        ),
+        ({"z_e": {"k": [2.0, 1.0]}}, r"the range of k is \[2\.0, 1\.0\]; min must not exceed max"),
+        ({"z_a": {"b": [0.0, 1.0]}}, r"no range for Decay's c; give \[min, max\]"),
+    ],
 )
-
-
-@pytest.mark.parametrize("mistake", MISTAKES)
-def test_each_mistake_is_one_line_and_status_2(mistake, project, capsys, monkeypatch):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    replaced, change, expected = MISTAKES[mistake]
-    assert cli.main(["check-system", str(project(*replaced, **change))]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("expertaug check-system: ") and said.count("\n") == 1
-    assert re.search(expected, said), said
-
-
-def test_what_is_wrong_in_any_experiment_is_told(project, capsys):
-    other = {
-        "based_on": "predation",
-        "model": {"encoder": {"kind": "plain_parts:FlatEncoder"}, "interaction": {"kind": "plain_parts:WrongShape"}},
-    }
-    third = {"based_on": "predation", "augmentation": {"prior": {"a": [-1.0, 1.0]}}}
-    file = project(run=["predation", "other", "third"], experiments={"other": other, "third": third})
-    assert cli.main(["check-system", str(file)]) == 2
-    said = capsys.readouterr().err.splitlines()
-    assert [line.split(": ")[1] for line in said[1:]] == ["experiments.third.augmentation.prior"]
-    assert re.search(r"experiments\.other, expert_only .*: FlatEncoder", said[0])
-
-
-def complete(file) -> Configuration:
-    return config.completed(config.load(config.with_defaults([file])))
-
-
-def test_points_of_a_grid_are_checked(project):
-    study = {"grid": {"method": "aphynity", "keys": {"model.interaction.layers": [[4], [8]]}}}
-    lines = check_classes(complete(project(**one(study, "studies"))))
-    assert lines[-2:] == ["predation: method aphynity@1 checked", "predation: method aphynity@2 checked"]
-
-
-def test_only_what_is_from_elsewhere_is_checked_before_a_run(project, tmp_path):
-    assert len(check_classes(complete(project()), only_own=True)) == 3
-    mixed = tmp_path / "mixed.yaml"
-    # The package's own system, and an F_a from elsewhere in one of three methods.
-    mixed.write_text(
-        "{run: [rlc], experiments: {rlc: {methods: [mean, expert_only, aphynity], augmented: [], "
-        "model: {interaction: {kind: 'plain_parts:LinearInteraction'}}}}}"
-    )
-    assert check_classes(complete(mixed), only_own=True) == [
-        "rlc: system RLC checked",
-        "rlc: method aphynity checked",
-    ]
-    plain = tmp_path / "plain.yaml"
-    plain.write_text("{}")
-    assert check_classes(complete(plain), only_own=True) == []
+def test_ranges_are_checked(ranges, expected):
+    with pytest.raises(InputError, match=expected):
+        check_system(Decay(), **ranges)

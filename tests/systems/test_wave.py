@@ -8,6 +8,7 @@ import torch
 from scipy.linalg import expm
 
 import expertaug as ea
+from expertaug.systems.wave import DampedWave
 
 TIMES = torch.arange(25, dtype=torch.float64) * 1e-3
 NONE = torch.zeros((), dtype=torch.float64)
@@ -22,7 +23,7 @@ def mode(system, p, q):
 
 @pytest.mark.parametrize("numbers", [(2, 2), (2, 5), (30, 30)])
 def test_a_standing_wave_dies_away_as_its_eigenvalue_says(numbers):
-    system = ea.DampedWave(cells=32)
+    system = DampedWave(cells=32)
     shape, factor = mode(system, *numbers)
     torch.testing.assert_close(system.laplacian(shape), factor * shape)
     z_e, z_a = torch.tensor([[330.0]]).double(), torch.tensor([[50.0]]).double()
@@ -37,7 +38,7 @@ def test_a_standing_wave_dies_away_as_its_eigenvalue_says(numbers):
 
 
 def test_simulations_are_those_of_the_matrix_exponential():
-    system, t = ea.DampedWave(cells=8), TIMES.numpy()
+    system, t = DampedWave(cells=8), TIMES.numpy()
     data = ea.simulate(system, {"c": (330.0, 330.0)}, {"k": (50.0, 50.0)}, n=3, t=t, seed=0)
     unit = torch.eye(128, dtype=torch.float64).view(128, 2, 8, 8)
     z_e, z_a = torch.tensor([[330.0]]).double(), torch.tensor([[50.0]]).double()
@@ -50,7 +51,7 @@ def test_simulations_are_those_of_the_matrix_exponential():
 
 
 def test_nothing_bends_across_an_edge():
-    system = ea.DampedWave(cells=6)
+    system = DampedWave(cells=6)
     x = torch.arange(6, dtype=torch.float64)
     torch.testing.assert_close(system.laplacian(3 * x[:, None] - x), torch.zeros(6, 6).double())
     bent = system.laplacian((x**2)[:, None].expand(6, 6)) * system.width**2
@@ -58,7 +59,7 @@ def test_nothing_bends_across_an_edge():
 
 
 def test_the_expert_lacks_the_damping_alone():
-    system, draw = ea.DampedWave(cells=8), torch.Generator().manual_seed(0)
+    system, draw = DampedWave(cells=8), torch.Generator().manual_seed(0)
     y = torch.rand(2, 3, 2, 8, 8, generator=draw)  # seeds and samples before the state
     z_e, z_a = torch.full((2, 3, 1), 330.0), torch.full((2, 3, 1), 50.0)
     expert = system.expert(torch.zeros(()), y, z_e)
@@ -71,7 +72,7 @@ def test_the_expert_lacks_the_damping_alone():
 
 def test_simulations_begin_with_one_peak_at_rest_on_every_grid():
     coarse, fine = (
-        ea.DampedWave(cells).sample_initial_state(200, torch.Generator().manual_seed(0)) for cells in (64, 127)
+        DampedWave(cells).sample_initial_state(200, torch.Generator().manual_seed(0)) for cells in (64, 127)
     )
     assert coarse.shape == (200, 2, 64, 64) and (coarse[:, 1] == 0).all()
     torch.testing.assert_close(fine[..., ::2, ::2], coarse)
@@ -85,4 +86,4 @@ def test_simulations_begin_with_one_peak_at_rest_on_every_grid():
 @pytest.mark.parametrize("cells", [3, 32.0, True])
 def test_too_few_points_are_refused(cells):
     with pytest.raises(ea.InputError, match=r"system\.cells"):
-        ea.DampedWave(cells)
+        DampedWave(cells)

@@ -2,15 +2,13 @@ import json
 
 import numpy as np
 import pytest
-import torch
 from pendulum_motion import CONSTANTS, FRICTION, markers, real_recordings, truth
 
 from expertaug.errors import InputError
-from expertaug.systems.double_pendulum import Constants, energy, point_masses
+from expertaug.systems.double_pendulum import Constants, point_masses
 from expertaug.trajectories import Trajectories
 from expertaug_recordings.angles.calibration import forecast_log_mse
 from expertaug_recordings.angles.calibration import run_stage as calibrate
-from expertaug_recordings.angles.forecast import forecast
 from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.angles.pendulum_fit import fit_constants, implied_rate
 from expertaug_recordings.chunks import split_chunks
@@ -57,14 +55,6 @@ def test_noisy_speeds_hardly_bias_the_fit():
     """Speeds of .1 and .2 rad/s noise, ten times those of the recordings."""
     fit = fit_constants(clean_chunks(noise=0.002).y, 0.01, friction=True)
     assert relative(fit.constants, CONSTANTS) < 0.01
-
-
-def test_forecast_conserves_energy_and_converges():
-    start = torch.tensor([[2.5, 1.0, 3.0, -5.0]], dtype=torch.float64)
-    coarse, fine = (forecast(start, 20, 0.01, CONSTANTS, step=h) for h in (0.005, 0.001))
-    levels = energy(coarse.numpy(), CONSTANTS)
-    assert np.ptp(levels) < 1e-3 * levels.mean()
-    assert float((coarse - fine).abs().max()) < 1e-3
 
 
 def test_log_mse_is_that_of_sines_and_cosines():

@@ -1,6 +1,7 @@
 """Oblique views and lenses are undone: angles are those of the plane of motion."""
 
 import json
+import re
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.interpolate import LinearNDInterpolator
 
 from expertaug.errors import InputError
 from expertaug_recordings.angles.measure import run_stage as measure_angles
+from expertaug_recordings.angles.rectify import describe, find_view, through
 from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.reports.page import _heading
 from expertaug_recordings.settings import MeasureAnglesJob, RectifyKeys
@@ -151,3 +153,16 @@ def test_arms_that_hardly_turn_tell_no_view(tmp_path):
     table.to_csv(tmp_path / "markers.csv", index=False)
     with pytest.raises(InputError, match=r"the arms turn too little to tell what they draw; set recordings"):
         errors(tmp_path, y, ellipse=True)
+
+
+def test_the_view_is_the_one_by_which_the_arms_are_steadiest():
+    theta = np.random.default_rng(0).uniform(-np.pi, np.pi, (300, 2))
+    arms = np.stack((np.sin(theta), np.cos(theta)), axis=-1) * [[118.0], [90.0]]
+    places = np.array([240.0, 238.0]) + np.concatenate((np.zeros((300, 1, 2)), np.cumsum(arms, axis=1)), axis=1)
+    view = find_view(places * [1.06, 1.0], np.ones(300, bool), offsets=False)
+    lengths = np.linalg.norm(np.diff(through(view.matrix, places * [1.06, 1.0]), axis=1), axis=2)
+    assert np.ptp(lengths, axis=0) == pytest.approx(0, abs=1e-3) and view.gain > 100
+    assert re.match(r"1\.060 times as long as wide, narrowest along (0|180) deg", describe(view))
+    assert (
+        find_view(places[np.abs(theta).max(1) < 0.4], np.ones((np.abs(theta).max(1) < 0.4).sum(), bool), False) is None
+    )

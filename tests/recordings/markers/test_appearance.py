@@ -1,11 +1,9 @@
 """Marker descriptions: what is accepted, what each refusal says, and which colour is taken for which marker."""
 
-import numpy as np
 import pytest
 
 from expertaug.errors import InputError
-from expertaug_recordings.markers.appearance import COLOURS, Appearance, Colour
-from expertaug_recordings.markers.disks import Palette, hsv
+from expertaug_recordings.markers.appearance import COLOURS, Appearance
 
 
 def test_defaults_are_the_quadrants_of_the_dataset():
@@ -44,24 +42,6 @@ def test_refusals(markers, message):
     with pytest.raises(InputError, match=message) as error:
         Appearance.from_mapping(markers)
     assert "\n" not in str(error.value)
-
-
-def test_hue_saturation_and_value():
-    bgr = np.array([[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0.5, 1], [1, 0.5, 0.75], [0.4, 0.4, 0.4], [0, 0, 0]])
-    found = hsv(bgr)
-    assert found[:5, 0] == pytest.approx([0, 120, 240, 30, 270])
-    assert found[:, 1] == pytest.approx([1, 1, 1, 1, 0.5, 0, 0])
-    assert found[:, 2] == pytest.approx([1, 1, 1, 1, 1, 0.4, 0])
-
-
-def test_colours_are_told_apart_also_where_their_ranges_overlap():
-    colours = (Colour(name, COLOURS[name]) for name in ("green", "cyan", "red"))
-    palette = Palette(Appearance("quadrant", *colours))
-    hue = np.array([130, 185, 170, 195, 350, 10, 60, 250])
-    colour = np.stack((hue, np.full(8, 0.6), np.full(8, 0.7)), axis=1)
-    assert palette.identify(colour).tolist() == [0, 1, 1, 1, 2, 2, -1, -1]
-    assert palette.identify(colour * [1, 0.2, 1]).tolist() == [-1] * 8  # grey
-    assert palette.identify(colour * [1, 1, 0.1]).tolist() == [-1] * 8  # black
 
 
 def test_each_named_colour_is_nearest_to_its_own_middle():

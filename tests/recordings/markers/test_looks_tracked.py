@@ -10,7 +10,7 @@ import pytest
 from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, compressed, draw, markers_of, swinging, wall, write_video
 
 from expertaug.errors import InputError
-from expertaug_recordings.markers.geometry import centre_of_circle, estimate_geometry, measure_diameter
+from expertaug_recordings.markers.geometry import estimate_geometry, measure_diameter
 from expertaug_recordings.markers.track import run_stage as track_markers
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.settings import AppearanceKeys, ExtractFramesJob, TrackMarkersJob
@@ -119,17 +119,6 @@ def test_an_unmarked_pivot_is_found_or_given(states, tmp_path):
         InputError, match=r"0 show both \(yellow in 0, cyan in 60\); show yellow and cyan disks of 24 px"
     ):
         track_markers(store, tmp_path / "none.csv", yellow)
-
-
-def test_a_joint_that_hardly_moves_tells_no_pivot():
-    angle = np.linspace(0, np.deg2rad(300), 40)
-    points = np.array([300.0, 200.0]) + 80 * np.stack((np.sin(angle), np.cos(angle)), 1)
-    points[7] += 25  # taken for another marker
-    assert centre_of_circle(points) == pytest.approx((300, 200), abs=1e-6)
-    with pytest.raises(
-        InputError, match=r"the joint moves over \d+° only: too little to find the pivot; set recordings.*pivot_px"
-    ):
-        centre_of_circle(points[-5:])
 
 
 def test_an_unknown_diameter_of_nothing_is_refused(tmp_path):

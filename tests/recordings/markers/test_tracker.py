@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-from expertaug.errors import InputError
 from expertaug_recordings.markers.geometry import Geometry, estimate_geometry
 from expertaug_recordings.markers.tracker import track_frames
 from expertaug_recordings.rendering.render import markers, poses
@@ -107,19 +106,3 @@ def test_marker_at_the_edge_is_doubtful(clip):
     track = track_frames(clip[0][lowest : lowest + 1, :cut], GEOMETRY, SETTINGS)
     assert track.reason == ["edge"]
     assert 0 < track.quality[0] <= 0.5
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"marker_size": 25}, "settings.marker_size: unknown key"),
-        ({"marker_diameter_px": 2}, "marker_diameter_px: found 2; give 8 or more"),
-        ({"arm1_px": -4}, "arm1_px: found -4"),
-        ({"arm2_px": 0.5}, "arm2_px: found 0.5"),
-        ({"max_lost_share": 1.5}, "max_lost_share: found 1.5"),
-        ({"arm_search_px": float("nan")}, "arm_search_px: found .nan"),
-    ],
-)
-def test_wrong_settings_are_named(settings, message):
-    with pytest.raises(InputError, match=message):
-        TrackMarkersJob.from_mapping(settings)

@@ -18,7 +18,6 @@ from expertaug_recordings.angles.summary import RecordingSummary
 from expertaug_recordings.chunks import split_chunks
 from expertaug_recordings.reports.page import _heading, plot_refused
 from expertaug_recordings.reports.page import run_stage as plot_recording
-from expertaug_recordings.reports.summary import run_stage as summarise
 from expertaug_recordings.settings import MeasureAnglesJob, RecordingKeys, SplitChunksJob
 from nightly import others_slow
 
@@ -163,15 +162,3 @@ def test_the_direction_of_gravity_is_stated_and_implied(tmp_path, tilt):
 
 def test_motion_that_tells_no_direction():
     assert find_gravity(np.full((1000, 4), np.nan), 0.01, 4) is None
-
-
-def test_the_table_of_a_recording_without_arm_lengths(tmp_path):
-    folder = tmp_path / "r0"
-    folder.mkdir()
-    markers(truth()[0, :2000]).to_csv(folder / "markers.csv", index=False)
-    measure_angles(folder / "markers.csv", folder / "angles.csv", folder / "angles.json", MeasureAnglesJob(arm1_m=None))
-    summarise([folder / "angles.json"], tmp_path / "summary.csv", tmp_path / "summary.md")
-    row = (tmp_path / "summary.md").read_text().splitlines()[2]
-    assert "| 400 | – |" in row and "Warnings" not in (tmp_path / "summary.md").read_text()
-    table = pd.read_csv(tmp_path / "summary.csv", keep_default_na=False)
-    assert table["implied_rate_hz"][0] == "" and table["reasons"][0].startswith("margin ")

@@ -92,20 +92,6 @@ def test_the_analysis_rate_is_at_most_the_video_s(video, tmp_path):
     assert not (tmp_path / "s.b2frame").exists()
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"rate": 100}, "recordings.rate: unknown key; did you mean 'rate_hz'"),
-        ({"rate_hz": "1e3"}, "recordings.rate_hz: found '1e3', which YAML takes for a text"),
-        ({"analysis_rate_hz": -1}, "analysis_rate_hz: found -1"),
-        ({"image_size_px": [480]}, r"image_size_px: found \[480\]"),
-    ],
-)
-def test_bad_settings_are_named(settings, message):
-    with pytest.raises(InputError, match=message):
-        ExtractFramesJob.from_mapping(settings)
-
-
 def test_bad_video_leaves_nothing(video, tmp_path):
     data = video.read_bytes()
     (tmp_path / "bad.mp4").write_bytes(data[: len(data) // 2] + bytes(1000) + data[len(data) // 2 + 1000 :])

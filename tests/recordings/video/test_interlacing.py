@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from expertaug.errors import InputError
+from expertaug_recordings.video.interlacing import combs
 from expertaug_recordings.video.reader import Video
 
 SIZE, COUNT = (96, 128), 30
@@ -91,3 +92,12 @@ def test_a_flag_counts_where_nothing_moves(tmp_path):
     with pytest.raises(InputError, match=r"is interlaced \(its codec says so\)"):
         read(write(tmp_path / "clip.mp4", shown(0 * T, (30, 0)), True))
     read(write(tmp_path / "still.mp4", shown(0 * T, (30, 0))))
+
+
+def test_teeth_are_of_woven_fields_alone():
+    before, whole, teeth = shown([0], (30, 0))[0], shown([1], (30, 0))[0], woven([1], (30, 0))[0]
+    moved, sharp, rough = combs(before, teeth)
+    assert sharp > 0.2 * moved > 50 and sharp > 10 * rough
+    moved, sharp, _ = combs(before, whole)
+    assert moved > 250 and sharp < 0.05 * moved
+    assert combs(before, before) == (0, 0, 0)

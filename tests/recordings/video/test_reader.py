@@ -3,6 +3,7 @@ import struct
 import av
 import numpy as np
 import pytest
+from containers import drawn, remux
 
 from expertaug.errors import InputError
 from expertaug_recordings.rendering.render import run_stage as render_recording
@@ -23,26 +24,6 @@ def good(tmp_path_factory):
     folder = tmp_path_factory.mktemp("videos")
     render_recording(0, folder / "video.mp4", folder / "truth.csv", RenderVideoJob(duration_s=FRAMES / 400))
     return folder / "video.mp4"
-
-
-def remux(source, target, format=None, pts=None):
-    """Copy the packets into another container, with other timestamps if a function of them is given."""
-    with av.open(str(source)) as given, av.open(str(target), "w", format=format) as made:
-        stream = made.add_stream_from_template(given.streams.video[0])
-        for packet in given.demux(video=0):
-            if packet.dts is None:
-                continue
-            if pts is not None:
-                packet.pts, packet.dts = pts(packet.pts), pts(packet.dts)
-            packet.stream = stream
-            made.mux(packet)
-    return target
-
-
-def drawn(count=FRAMES):
-    rng = np.random.default_rng(0)
-    for _ in range(count):
-        yield rng.integers(0, 256, (64, 64, 3), dtype=np.uint8)
 
 
 def test_good_file(good):

@@ -4,8 +4,8 @@ import av
 import cv2
 import numpy as np
 import pytest
+from containers import drawn, remux
 from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, write_video
-from test_reader import drawn, remux
 
 from expertaug.errors import InputError
 from expertaug_recordings.markers.track import MaskedFrames
@@ -119,8 +119,3 @@ def test_nothing_is_found_in_a_mask(tmp_path):
         assert np.nanmax(error) < 1 and (quality > 0).all()
     with pytest.raises(InputError, match=r"red in 0, green in \d+"):
         off([[380, 150], [400, 180]])  # over the pivot
-
-
-def test_a_mask_has_corners():
-    with pytest.raises(InputError, match=r"masks\[?.?0"):
-        TrackMarkersJob.from_mapping({"masks": [[[1, 2]]]})

@@ -9,7 +9,7 @@ import expertaug as ea
 from expertaug.models import store
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.reaction_diffusion import SIZE, ReactionDiffusion
-from expertaug.systems.solvers.linear_propagator import DiagonalFlow
+from expertaug.systems.solvers.adams import adams_bashforth
 from expertaug.systems.solvers.solver import Solver
 from nightly import others_slow
 
@@ -101,11 +101,6 @@ def test_a_flow_without_a_basis_gives_the_same():
     torch.testing.assert_close(found, reaction_diffusion(Solver("ab5")), rtol=0, atol=1e-10)
 
 
-def test_diagonal_flow():
-    flow = DiagonalFlow(lambda y: 2 * y, lambda y: y / 2, torch.tensor([0.5, 1.0]))
-    torch.testing.assert_close(flow(torch.tensor([3.0, 4.0])), torch.tensor([1.5, 4.0]))
-
-
 def test_gradients_are_those_of_the_steps():
     w = torch.tensor(1.3, dtype=torch.float64, requires_grad=True)
     y0 = torch.ones(1, 1, dtype=torch.float64)
@@ -127,3 +122,10 @@ def test_forecasts_are_not_solved_by_a_trainings_coarse_steps():
     coarse = Solver("ab5", substeps=2)
     assert store.forecast_solver(coarse, ea.DampedPendulum()) == store.ACCURATE
     assert store.forecast_solver(coarse, ea.ReactionDiffusion()) == Solver("lawson4")
+
+
+@pytest.mark.parametrize("order", [4, 5])
+def test_rates_that_are_polynomials_in_time_are_integrated_exactly(order):
+    start, power = torch.zeros(1, 1, dtype=torch.float64), order - 1
+    found = adams_bashforth(lambda s, y: power * s ** (power - 1) + 0 * y, start, T, None, order)
+    torch.testing.assert_close(found[:, 0, 0], T**power)

@@ -12,6 +12,7 @@ from expertaug.errors import InputError, SolveError
 from expertaug.systems import Parameter, System
 from expertaug.systems.settings import SimulatedData, SimulatedSet
 from expertaug.systems.simulate import sample
+from expertaug.systems.solvers.implicit import by_scipy, rodas3
 from expertaug.systems.solvers.solver import Solver
 
 MU = 100.0
@@ -164,3 +165,16 @@ def test_too_large_a_state_is_refused():
 def test_a_solver_that_gives_up_says_so():
     with pytest.raises(SolveError, match="radau failed"):
         Solver("radau")(lambda s, y: y**2, torch.ones(1, 1, dtype=torch.float64), torch.linspace(0, 2, 3))
+
+
+def test_a_stiff_linear_system_goes_as_its_matrix_exponential_says():
+    matrix = torch.tensor([[-1000.0, 999.0], [0.0, -1.0]], dtype=torch.float64)
+    t, start = torch.linspace(0, 1, 51, dtype=torch.float64), torch.tensor([[3.0, 1.0]], dtype=torch.float64)
+    exact = torch.stack([torch.linalg.matrix_exp(matrix * s) @ start[0] for s in t])
+
+    def field(s, y):
+        return y @ matrix.T
+
+    found = by_scipy(field, start, t, "radau", 1e-7, 1e-9)[:, 0]
+    torch.testing.assert_close(found, exact, rtol=0, atol=1e-5)
+    torch.testing.assert_close(rodas3(field, start, t)[-1, 0], exact[-1], rtol=0, atol=1e-5)

@@ -21,7 +21,7 @@ from expertaug_recordings.video.pixel_layout import Layout
 
 ARMS, PIVOT, RATE = (120.4, 92.2), (240.1, 238.2), 100.0
 REAL = Path(
-    os.environ.get("EXPERTAUG_RECORDINGS", Path(__file__).resolve().parents[2].parent / "shared" / "recordings")
+    os.environ.get("EXPERTAUG_RECORDINGS", Path(__file__).resolve().parents[3].parent / "shared" / "recordings")
 )
 
 

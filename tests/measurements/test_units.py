@@ -211,3 +211,62 @@ def test_what_may_be_a_unit_and_is_none_is_not_passed_over(header):
     """10⁶ s are nobody's, and Grad is a degree to some and a gon to others: they are refused, not taken as SI."""
     found = parse_header(header)
     assert found.unit and found.sure and parse(found.unit) is None
+
+
+KINDS = (
+    "rad mrad deg gon rev",
+    "rad/s deg/s rpm rev/s dps",
+    "s ms us ns min h d week",
+    "1/s 1/min 1/h 1/d Hz kHz",
+    "m km cm mm um in ft",
+    "m/s cm/s mm/s km/h",
+    "m/s2 mm/s2 g0",
+    "V kV mV uV",
+    "A mA uA",
+    "ohm kohm Mohm",
+    "F mF uF nF pF",
+    "H mH uH",
+    "kg g mg",
+    "N kN mN",
+    "Pa kPa hPa bar mbar",
+    "K degC degF",
+    "1 % 1000",
+)
+
+
+def test_units_go_both_ways():
+    for units in map(str.split, KINDS):
+        for one in units:
+            for other in units:
+                (a, b), (c, d) = conversion(one, other, ""), conversion(other, one, "")
+                assert (3.7 * a + b) * c + d == pytest.approx(3.7, abs=1e-9)
+    assert conversion("°C", "K", "") == (1.0, 273.15)
+    assert conversion("rpm", "rad/s", "")[0] == pytest.approx(2 * np.pi / 60)
+    assert conversion(None, "anything", "") == conversion("same", "same", "") == (1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("unit", "to", "message"),
+    [("mm", "rad", "a unit of length, the system has rad"), ("furlong", "m", "not known; units of length: m, km")],
+)
+def test_units_that_do_not_fit_are_refused(unit, to, message):
+    with pytest.raises(InputError, match=message):
+        conversion(unit, to, "data.files.columns.x.unit")
+
+
+def test_small_parts_of_a_radian_are_units():
+    assert parse("mrad").factor == pytest.approx(1e-3) and parse("urad").factor == pytest.approx(1e-6)
+    assert parse("kohm").factor == 1e3 and parse("MHz").factor == 1e6
+
+
+@pytest.mark.parametrize(
+    ("header", "name"),
+    [("deg_theta", "theta"), ("deg_s_omega", "omega"), ("rpm_motor", "motor"), ("OMEGA_DEG_PER_S", "OMEGA")],
+)
+def test_a_unit_may_stand_in_front_and_in_capitals(header, name):
+    found = parse_header(header)
+    assert found.name == name and parse(found.unit) is not None
+
+
+def test_words_in_front_are_no_units():
+    assert parse_header("min_theta").unit == parse_header("in_x").unit == parse_header("h_theta").unit == ""

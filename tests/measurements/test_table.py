@@ -1,4 +1,4 @@
-"""Texts of many rows are read by another parser: the same numbers, texts, lines and refusals as line by line."""
+"""Tables in, columns out: whatever the format, and texts of many rows by another parser as line by line."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
+from swings import NAMES, settings, swing, table, trials
 
 from expertaug.errors import InputError
 from expertaug.measurements import table as module
-from expertaug.measurements.settings import TableKeys
+from expertaug.measurements.cut import all_chunks, measured
+from expertaug.measurements.settings import Pivot, TableKeys
 from expertaug.measurements.table import read_table
 
 RNG = np.random.default_rng(0)
@@ -21,10 +24,10 @@ NUMBERS = [
     [["", "NaN", "n/a", "-", "1e5", " 2.50", "+3", "-0", ".5", "7."][k % 10] for k in range(4000)],
     [["a", "b 1", "none", ""][k % 4] for k in range(4000)],
 ]
-NAMES = ["x", "y", "run", "gaps", "word"]
+COLUMNS = ["x", "y", "run", "gaps", "word"]
 
 
-def lines(separator=",", decimal=".", rows=NUMBERS, header=NAMES):
+def lines(separator=",", decimal=".", rows=NUMBERS, header=COLUMNS):
     cells = [[cell.replace(".", decimal) for cell in column] for column in rows]
     return [separator.join(header), *(separator.join(row) for row in zip(*cells, strict=True))]
 
@@ -33,10 +36,10 @@ PLAIN = {
     "commas": (lines(), {}),
     "semicolons and decimal commas": (lines(";", ","), {"decimal": ","}),
     "tabs": (lines("\t"), {}),
-    "blanks": (lines("  ", rows=NUMBERS[:3], header=NAMES[:3]), {}),
+    "blanks": (lines("  ", rows=NUMBERS[:3], header=COLUMNS[:3]), {}),
     "a comment and a row of units above": (["# logged", *lines()[:1], "m,m,n,s,w", *lines()[1:]], {}),
     "lines skipped": (["a", "b,c", *lines()], {"skip_lines": 2}),
-    "no header": (lines()[1:], {"names": NAMES}),
+    "no header": (lines()[1:], {"names": COLUMNS}),
     "words from some row on": (lines(rows=[*NUMBERS[:4], [*NUMBERS[2][:3500], *NUMBERS[4][:500]]]), {}),
     "quoted": ([line.replace(",", '","').join('""') for line in lines()], {}),
 }
@@ -127,3 +130,39 @@ def test_inspecting_a_table_loads_no_torch(tmp_path):
     command = ["inspect-data", str(path), "--system", "pendulum", "--output", str(tmp_path / "seen.png")]
     done = subprocess.run([sys.executable, "-c", code, *command], capture_output=True, text=True, check=True)
     assert done.stdout.startswith("# 1 file, 1 trajectory") and done.stdout.endswith("\nFalse\n")
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", "|", " "])
+def test_any_common_separator_gives_the_same_numbers(tmp_path, separator):
+    y = swing(1.0)
+    path = table(tmp_path / "a.csv", {"t": 0.05 * np.arange(200), "angle": y[:, 0]}, separator, "# from a lab\n\n")
+    found = read_table(path, TableKeys())
+    assert found.names == ["t", "angle"] and np.array_equal(found.numbers("angle"), y[:, 0])
+    assert found.line[0] == 4 and found.line[-1] == 203  # as an editor counts
+
+
+def test_commas_as_decimals_units_row_and_other_encodings(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_bytes("t;Höhe\ns;mm\n0,0;1,5\n0,1;\n".encode("latin-1"))
+    found = read_table(path, TableKeys(decimal=","))
+    assert found.numbers("Höhe")[0] == 1.5 and np.isnan(found.numbers("Höhe")[1])
+    assert found.units == {"t": "s", "Höhe": "mm"}
+    path.write_text("t,x\n0,1\n", encoding="utf-16")
+    assert read_table(path, TableKeys()).numbers("x").tolist() == [1.0]
+
+
+def test_parquet_npz_and_csv_give_the_same_chunks(tmp_path):
+    path = trials(tmp_path)
+    frame = pd.read_csv(path)
+    frame.to_parquet(tmp_path / "swings.parquet")
+    np.savez(tmp_path / "swings.npz", **{name: frame[name].to_numpy() for name in frame})
+    found = [all_chunks(measured(settings(tmp_path / f"swings.{end}"), NAMES)) for end in ("csv", "parquet", "npz")]
+    for other in found[1:]:
+        assert np.array_equal(found[0].y, other.y) and np.array_equal(found[0].t, other.t)
+
+
+def test_a_sensors_second_value_of_one_moment_is_refused(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("sensor,t,value\na,0,1\nb,0,2\na,0,3\n")
+    with pytest.raises(InputError, match="row 4: another row has sensor a at t 0"):
+        read_table(path, TableKeys(pivot=Pivot(name="sensor", value="value")))

@@ -1,7 +1,5 @@
 """Sets of measurements: no point in two of them, whatever divides them."""
 
-import json
-
 import numpy as np
 import pytest
 from swings import NAMES, STEP, settings, swing, table, trials
@@ -9,8 +7,6 @@ from swings import NAMES, STEP, settings, swing, table, trials
 from expertaug.errors import InputError
 from expertaug.measurements.cut import divide, measured, sets_of
 from expertaug.measurements.settings import Label, SplitSettings
-from expertaug.measurements.stage import chunks_table, cut_measurements, describe_sets
-from expertaug.trajectories import Trajectories
 
 RULES = (
     SplitSettings(by="random", seed=3),
@@ -127,28 +123,3 @@ def test_labels_known_in_part_and_from_the_start(tmp_path):
     path.write_text("\n".join([*lines[:5], lines[5].replace(",2.0", ",2.1"), *lines[6:]]))
     with pytest.raises(InputError, match=r"omega0 is 2 in row 2 and 2.1 in row 6; a parameter is constant"):
         measured(settings(path, z_e={"omega0": "frequency"}), NAMES)
-
-
-def test_the_stage_writes_sets_and_says_what_they_are(tmp_path):
-    path = trials(tmp_path, noise=0.01)
-    before = path.read_bytes()
-    given = settings(path, columns={"theta": "angle"})
-    cut_measurements([path], tmp_path / "data", given, NAMES)
-    cut_measurements([path], tmp_path / "again", given, NAMES)
-    report = json.loads((tmp_path / "data" / "splits.json").read_text())
-    for name in ("train", "validation", "test"):
-        one = Trajectories.load(tmp_path / "data" / f"{name}.npz")
-        assert len(one) == report["chunks"][name] and not one.mask[..., 1].any()
-        assert (tmp_path / "data" / f"{name}.npz").read_bytes() == (tmp_path / "again" / f"{name}.npz").read_bytes()
-    assert report["not_measured"] == ["omega"] and report["noise"]["omega"] is None
-    assert report["noise"]["theta"] == pytest.approx(0.01, rel=0.15)
-    assert path.read_bytes() == before
-
-
-def test_what_the_stage_says_is_a_call_in_memory(tmp_path):
-    data = measured(settings(trials(tmp_path), split=SplitSettings(by="time")), NAMES)
-    divided = sets_of(data)
-    table, report = chunks_table(data, divided), describe_sets(data, divided)
-    assert table.groupby("split").size().to_dict() == report["chunks"]
-    assert table["id"].tolist() == [identity for trajectories in divided.sets.values() for identity in trajectories.id]
-    assert len(list(tmp_path.iterdir())) == 1

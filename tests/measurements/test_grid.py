@@ -6,7 +6,7 @@ from swings import NAMES, STEP, settings, swing, table, trials
 
 from expertaug.errors import InputError
 from expertaug.measurements.cut import all_chunks, measured
-from expertaug.measurements.noise import noise_of
+from expertaug.measurements.grid import round_step, times_of
 
 
 def one_swing(folder, keep=slice(None), t=None, **more):
@@ -133,17 +133,6 @@ def test_a_coarser_step_takes_every_nth_row_from_each_phase(tmp_path):
         measured(settings(path, trajectory=None, step_s=0.07), NAMES)
 
 
-def test_noise_is_estimated_from_roughness():
-    rng = np.random.default_rng(0)
-    y = swing(1.0, points=2000)
-    for sigma in (0.003, 0.03):
-        noisy = y + sigma * np.array([1.0, 2.0]) * rng.standard_normal(y.shape)
-        noisy[100:110] = np.nan
-        assert noise_of([noisy]) == pytest.approx([sigma, 2 * sigma], rel=0.1)
-    assert noise_of([y]).max() < 1e-4  # a motion without noise
-    assert np.isnan(noise_of([y[:5]])).all()
-
-
 def test_a_grid_is_found_where_every_second_row_or_more_is_missing(tmp_path):
     keep = [k for k in range(200) if k % 5 in (0, 2, 4)]  # steps of two, two and one
     y, path = one_swing(tmp_path, keep)
@@ -152,3 +141,9 @@ def test_a_grid_is_found_where_every_second_row_or_more_is_missing(tmp_path):
     chunks = all_chunks(data)
     assert chunks.mask.mean() == pytest.approx(0.6, abs=0.05)
     assert np.allclose(chunks.y[0][chunks.mask[0]], y[:20][chunks.mask[0]], atol=1e-6)
+
+
+def test_a_step_or_its_rate_is_of_few_digits_where_one_is_near():
+    assert round_step(0.05 * (1 + 1e-8)) == 0.05 and round_step((1 + 1e-8) / 30) == 1 / 30
+    assert round_step(0.01237123456789) == 0.0123712346
+    assert times_of(36, 0.01)[35] == 0.35 != 35 * 0.01
