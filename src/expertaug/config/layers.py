@@ -122,10 +122,10 @@ def plain(value: Any) -> Any:
     return value if isinstance(value, str | int | float | bool | None) else str(value)
 
 
-def layers(
-    experiments: Mapping[str, Located], preset: str, broken: Iterable[str] = ()
+def inherit(
+    experiments: Mapping[str, Located], broken: Iterable[str] = ()
 ) -> tuple[dict[str, Located], list[InputError]]:
-    """Experiments with the keys of what they are based on and with what they override under a preset.
+    """Experiments with the keys of what they are based on.
 
     Arguments:
         experiments: by name, as files say them.
@@ -138,8 +138,7 @@ def layers(
     made: dict[str, Located | None] = dict.fromkeys(broken)
     for name in experiments:
         _inherit(name, experiments, made, errors)
-    experiments = {name: block for name, block in made.items() if block is not None}
-    return {name: _under(preset, block, f"experiments.{name}", errors) for name, block in experiments.items()}, errors
+    return {name: block for name, block in made.items() if block is not None}, errors
 
 
 def _inherit(
@@ -175,7 +174,7 @@ def _inherit(
             made[here] = None if below is None else merge(marked(below, f"{here} is based on {base}"), own)
 
 
-def _under(preset: str, experiment: Located, where: str, errors: list[InputError]) -> Located:
+def under(preset: str, experiment: Located, where: str, errors: list[InputError]) -> Located:
     """An experiment with what it overrides under a preset, and without the studies, priors and sets that it takes away
     and what it inherits of data from another source; what takes nothing away is among the errors.
 

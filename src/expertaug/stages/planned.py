@@ -8,7 +8,7 @@ from pathlib import Path
 
 from expertaug.config import jobs, shown_settings
 from expertaug.config.models import Configuration
-from expertaug.evaluation.products import PLOTTED, Product
+from expertaug.evaluation.products import OVERVIEWS, PLOTTED, Product
 from expertaug.stages import STAGES
 from expertaug.stages.files import Files
 from expertaug.stages.study import StudyStage
@@ -96,8 +96,7 @@ def kept(experiments: Iterable[str]) -> list[str]:
 def overviews(config: Configuration) -> list[str]:
     """Names of the figures over all experiments."""
     experiments = shown_settings.overview(config, config.run)["experiments"]
-    named = ["log_mse", "parameter_errors"] if any(block["shown"] for block in experiments) else []
-    return [*named, "za_shifted"] if any(block["shifted"] for block in experiments) else named
+    return [kind.name for kind in OVERVIEWS if any(block[kind.shows] for block in experiments)]
 
 
 def _named(study: str) -> Product:
