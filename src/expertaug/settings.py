@@ -24,7 +24,7 @@ from pydantic import (
     model_serializer,
     model_validator,
 )
-from pydantic_core import PydanticCustomError, core_schema
+from pydantic_core import ErrorDetails, PydanticCustomError, core_schema
 
 from expertaug import wording
 from expertaug.errors import InputError, InputErrors
@@ -278,7 +278,7 @@ def complaints(error: ValidationError, kind: type[BaseModel], where: str, whole:
     return list(by_text.values())
 
 
-def _place(error: Mapping[str, Any]) -> list[str]:
+def _place(error: ErrorDetails) -> list[str]:
     """By which mistakes are ordered: a key that is unknown or missing is one of its block."""
     of_block = error["type"] in ("missing", "extra_forbidden")
     return [str(part) for part in (error["loc"][:-1] if of_block else error["loc"])]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TypeVar, Unpack
 
 import numpy as np
 import pandas as pd
@@ -43,6 +43,8 @@ from expertaug.systems import System
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows
+
+T = TypeVar("T")
 
 STARTS = ("y0", "y_t1")
 FEWEST = 19  # validation windows of which one in twenty can be told
@@ -556,5 +558,5 @@ def _warn_of_most(which: Tensor | None, text: str) -> None:
         logger.warning(text, count, which.shape[1])
 
 
-def _without(each: Mapping[str, Any] | None, names: Collection[str]) -> dict[str, Any]:
+def _without(each: Mapping[str, T] | None, names: Collection[str]) -> dict[str, T]:
     return {name: value for name, value in (each or {}).items() if name not in names}

@@ -211,11 +211,11 @@ def _of_another_preset(
             )
 
 
-def _paths(block: Mapping[str, Any], before: str = "") -> Iterator[str]:
+def _paths(block: Located, before: str = "") -> Iterator[str]:
     """Dotted paths of what a block holds, its blocks' included."""
     for name, value in block.items():
         yield f"{before}{name}"
-        if isinstance(value, Mapping):
+        if isinstance(value, Located):
             yield from _paths(value, f"{before}{name}.")
 
 

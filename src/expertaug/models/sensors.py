@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -67,7 +67,7 @@ def _stacked(each: Sequence[float | Sequence[float]]) -> Tensor:
     return values.unsqueeze(1) if values.dim() > 1 else values
 
 
-def check_components(system: System, names: Mapping[str, object]) -> None:
+def check_components(system: System, names: Iterable[str]) -> None:
     """Refuse sensors of what is no component of the state.
 
     Raises:

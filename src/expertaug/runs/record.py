@@ -66,11 +66,13 @@ def _runs(folder: Path) -> list[dict]:
     content = read_json(folder / NAME)
     runs = content.get("runs", []) if isinstance(content, dict) else []
     entries = [run for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
-    return [{"files": run.get("files"), "digest": run.get("digest"), "revisions": _texts(run)} for run in entries]
+    return [
+        {"files": run.get("files"), "digest": run.get("digest"), "revisions": _texts(run.get("revisions"))}
+        for run in entries
+    ]
 
 
-def _texts(run: dict) -> list[str]:
-    stored = run.get("revisions", [])
+def _texts(stored: object) -> list[str]:
     return [text for text in stored if isinstance(text, str)] if isinstance(stored, list) else []
 
 
