@@ -34,7 +34,7 @@ from expertaug.tracking.log import read_log
 
 def assert_nothing_is_cut(figure):
     """All texts and legends lie inside the page, and the legend touches no panel."""
-    with plotting.styled():
+    with plotting.use_style():
         figure.draw_without_rendering()
         renderer = figure.canvas.get_renderer()
         page = figure.bbox
@@ -248,7 +248,7 @@ def test_long_units_of_many_methods_do_not_collide(tmp_path, monkeypatch):
     monkeypatch.setattr(plotting, "quantity", lambda name, unit: "$b$ [1/(m s)^2]")
     paths = dict.fromkeys([f"Method {k}" for k in range(7)], write_double_forecasts(tmp_path)["hybrid"])
     figure = parameters.parameters(loaded(paths))
-    with plotting.styled():
+    with plotting.use_style():
         figure.draw_without_rendering()
         boxes = [axis.xaxis.label.get_window_extent() for axis in figure.axes]
         boxes += [axis.yaxis.label.get_window_extent() for axis in figure.axes if axis.get_ylabel()]
@@ -325,7 +325,7 @@ def test_labels_of_a_loss_that_falls_below_zero_do_not_collide(tmp_path):
     figure = traces.curves(map(read_log, logs))
     axis = figure.axes[0]
     assert axis.get_yscale() == "symlog"
-    with plotting.styled():
+    with plotting.use_style():
         figure.draw_without_rendering()
     boxes = [tick.label1.get_window_extent() for tick in axis.yaxis.get_major_ticks() if tick.label1.get_text()]
     shown = sorted((box.y0, box.y1) for box in boxes if axis.bbox.y0 <= (box.y0 + box.y1) / 2 <= axis.bbox.y1)

@@ -7,7 +7,7 @@ from swings import NAMES, settings, swing, table, trials
 
 from expertaug.errors import InputError
 from expertaug.measurements import expression
-from expertaug.measurements.cut import all_chunks, measured
+from expertaug.measurements.cut import all_chunks, measure
 from expertaug.measurements.paths import list_files
 from expertaug.measurements.settings import Column, TableKeys
 from expertaug.measurements.table import read_table
@@ -38,7 +38,7 @@ def test_parquet_npz_and_csv_give_the_same_chunks(tmp_path):
     frame = pd.read_csv(path)
     frame.to_parquet(tmp_path / "swings.parquet")
     np.savez(tmp_path / "swings.npz", **{name: frame[name].to_numpy() for name in frame})
-    found = [all_chunks(measured(settings(tmp_path / f"swings.{end}"), NAMES)) for end in ("csv", "parquet", "npz")]
+    found = [all_chunks(measure(settings(tmp_path / f"swings.{end}"), NAMES)) for end in ("csv", "parquet", "npz")]
     for other in found[1:]:
         assert np.array_equal(found[0].y, other.y) and np.array_equal(found[0].t, other.t)
 
@@ -93,7 +93,7 @@ def test_columns_are_converted_to_the_system_s_units(tmp_path):
         "omega": Column(name="rpm", unit="rpm", factor=-1.0),
     }
     given = settings(path, trajectory=None, time=Column(name="ms", unit="ms"), columns=columns)
-    chunk = all_chunks(measured(given, NAMES))
+    chunk = all_chunks(measure(given, NAMES))
     assert np.allclose(chunk.y[0], y[:20], atol=1e-6) and chunk.t[1] == pytest.approx(0.05)
 
 
@@ -101,7 +101,7 @@ def test_dates_are_times(tmp_path):
     times = pd.date_range("2024-05-31T12:00:00", periods=50, freq="250ms")
     path = table(tmp_path / "a.csv", {"when": [t.isoformat() for t in times], "angle": swing(1.0)[:50, 0]})
     given = settings(path, trajectory=None, time=Column(name="when", unit="datetime"), columns={"theta": "angle"})
-    assert measured(given, NAMES).grid.row_s == 0.25
+    assert measure(given, NAMES).grid.row_s == 0.25
 
 
 def test_files_are_in_natural_order_and_named_shortly(tmp_path):
@@ -110,7 +110,7 @@ def test_files_are_in_natural_order_and_named_shortly(tmp_path):
     files = list_files([f"{tmp_path}/b/*.csv", f"{tmp_path}/**/run2.csv"])
     assert [str(file.relative_to(tmp_path)) for file in files] == ["a/run2.csv", "b/run2.csv", "b/run10.csv"]
     given = settings([str(file) for file in files], trajectory=None, columns={"theta": "angle"})
-    assert [one.name for one in measured(given, NAMES).grid.series] == ["a/run2", "b/run2", "b/run10"]
+    assert [one.name for one in measure(given, NAMES).grid.series] == ["a/run2", "b/run2", "b/run10"]
 
 
 def test_expressions_are_arithmetic_and_nothing_else():

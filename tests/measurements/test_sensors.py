@@ -9,7 +9,7 @@ from swings import NAMES, swing
 
 from expertaug.cli import main
 from expertaug.errors import InputError
-from expertaug.measurements.cut import all_chunks, measured
+from expertaug.measurements.cut import all_chunks, measure
 from expertaug.measurements.settings import MeasurementSettings, Pivot, TableKeys
 from expertaug.measurements.table import read_table
 from nightly import others_slow
@@ -43,7 +43,7 @@ def csv(theta=Y[:, 0], omega=Y[:, 1], t=T, header="t,theta,omega", form="{:.5f}"
 
 
 def rows_of(data):
-    return measured(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.series[0].rows
+    return measure(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.series[0].rows
 
 
 def test_a_quantised_sensor_has_the_noise_of_its_steps_and_chunks_span_its_swings(inspected):
@@ -57,7 +57,7 @@ def test_a_quantised_sensor_has_the_noise_of_its_steps_and_chunks_span_its_swing
     assert data["noise"]["theta"] == pytest.approx(step / 12**0.5, rel=0.01) and data["noise"]["omega"] > 0.005
     assert data["files"]["step_s"] == pytest.approx(1 / 40)
     assert data["files"]["length"] * data["files"]["step_s"] > 0.5
-    assert measured(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.step == 50
+    assert measure(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.step == 50
 
 
 def test_noise_that_is_larger_than_a_steps_is_estimated(inspected):
@@ -73,7 +73,7 @@ def test_wrapped_angles_are_proposed_as_such(inspected, unit, turn, low):
     told, data = inspected(csv(wrapped, rate, header=f"t,theta ({unit}),omega ({unit}/s)"))
     assert data["files"]["angles"] == ["theta"] and "unwrapped" in told
     assert (
-        np.abs(np.diff(measured(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.series[0].y[:, 0])).max()
+        np.abs(np.diff(measure(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.series[0].y[:, 0])).max()
         < 0.2
     )
     assert "angles" not in inspected(csv())[1]["files"]
@@ -164,7 +164,7 @@ def test_rows_off_the_grid_are_said_everywhere(inspected, tmp_path):
     assert "% of the rows lie off the grid of" in told and data["files"]["uneven"] == "own"
     given = data["files"] | {"uneven": "mask", "step_s": None, "length": 50, "stride": 5, "evaluation_stride": 50}
     with pytest.raises(InputError, match=r"% of the rows lie off the grid of .* set uneven to own"):
-        all_chunks(measured(MeasurementSettings.from_mapping(given), NAMES))
+        all_chunks(measure(MeasurementSettings.from_mapping(given), NAMES))
 
 
 def test_times_in_few_digits_keep_them(inspected):
@@ -178,7 +178,7 @@ def test_sensors_of_two_rates(inspected):
     told, data = inspected(text)
     assert "theta in 100 %, omega in 25 % of the rows" in told and data["files"]["min_seen"] == 0.6
     with pytest.raises(InputError, match="omega in 25 % of the rows: set min_seen"):
-        all_chunks(measured(MeasurementSettings.from_mapping(data["files"] | {"min_seen": 0.7}), NAMES))
+        all_chunks(measure(MeasurementSettings.from_mapping(data["files"] | {"min_seen": 0.7}), NAMES))
 
 
 @pytest.mark.parametrize(("number", "by"), [(1, "time"), (2, "time"), (4, "random"), (12, "random")])
@@ -217,7 +217,7 @@ def test_long_tables_of_several_trajectories_units_and_rates(inspected):
     _, data = inspected("\n".join(["run;time [s];channel;reading;unit;quality", *rows]) + "\n")
     assert data["files"]["pivot"]["unit"] == "unit"
     assert data["files"]["columns"]["theta"] == {"name": "angle", "unit": "deg"}
-    grid = measured(MeasurementSettings.from_mapping(data["files"]), NAMES).grid
+    grid = measure(MeasurementSettings.from_mapping(data["files"]), NAMES).grid
     assert len(grid.series) == 3
     np.testing.assert_allclose(grid.series[1].rows.y[:, 0], Y[:, 0], atol=1e-5)
     assert np.isnan(grid.series[1].rows.y[1::2, 1]).all()

@@ -18,7 +18,7 @@ from expertaug_recordings.ibm import convert_markers, parse_markers
 from expertaug_recordings.markers.appearance import ROLES
 from expertaug_recordings.rendering.render import render_recording
 from expertaug_recordings.reports.exports import export_recording
-from expertaug_recordings.reports.overlay import Painter, measured_of, overlay, schedule
+from expertaug_recordings.reports.overlay import Painter, overlay, read_measured, schedule
 from expertaug_recordings.reports.review import (
     ReviewedRecording,
     corrections_of,
@@ -29,7 +29,7 @@ from expertaug_recordings.reports.review import (
 )
 from expertaug_recordings.settings import ImportMarkersJob, OverlayJob, RenderVideoJob, SplitChunksJob
 from expertaug_recordings.tables import PLACES
-from expertaug_recordings.unpacking import Member, chosen_members
+from expertaug_recordings.unpacking import Member, choose_members
 from expertaug_recordings.video.frame_store import frames_apart, refuse_slow
 
 COUNT = 60
@@ -91,24 +91,24 @@ def test_which_members_of_an_archive_are_unpacked():
     def csvs(paths):
         return [path for path in paths if path.suffix == ".csv"]
 
-    assert chosen_members(listed, csvs) == [(PurePosixPath("a/1.csv"), "a/1.csv")]
+    assert choose_members(listed, csvs) == [(PurePosixPath("a/1.csv"), "a/1.csv")]
     for member, problem in (
         (Member("b", 0, False, True), "member 'b' is a link or a device"),
         (Member("../b.csv", 1, True, False), "would land outside"),
         (Member("c.csv", 2**31, True, False), "take more than 1024 MiB"),
     ):
         with pytest.raises(InputError, match=f"archive: .*{problem}"):
-            chosen_members([*listed, member], csvs)
+            choose_members([*listed, member], csvs)
 
 
 def test_an_overlay(clip):
     frames, points, table, of_clip = clip
-    seen = measured_of(points, table, of_clip)
+    seen = read_measured(points, table, of_clip)
     shown = schedule(seen, [], OverlayJob(start_s=0.1, speed=1.0, fps=120))
     images = list(overlay(Painter(seen, [], SIZE), shown, enumerate(frames)))
     assert len(images) == len(shown.rows) == (COUNT - 24) / 2 and images[0].shape[2] == 3
     with pytest.raises(InputError, match="they are not of one measurement"):
-        measured_of(points[:-1], table, of_clip)
+        read_measured(points[:-1], table, of_clip)
 
 
 def test_the_worst_frames_and_their_page(clip):

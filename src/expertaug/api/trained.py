@@ -26,7 +26,7 @@ from expertaug.inference.diagnostics.alarm import FALSE_ALARMS, attainable, thre
 from expertaug.inference.diagnostics.goodness import find_unexplained, is_too_small
 from expertaug.inference.expected_error import expected_errors, record_misfits
 from expertaug.inference.flow import load as load_any
-from expertaug.inference.least_squares import LeastSquares, refined_by, with_overdispersion
+from expertaug.inference.least_squares import LeastSquares, refine_by, with_overdispersion
 from expertaug.inference.shared import fit_shared, fit_shared_of_seeds
 from expertaug.learning.residuals import window_residual
 from expertaug.models import store
@@ -116,7 +116,7 @@ class TrainedModel:
         if self.refinement is None:
             return self.stored.model  # type: ignore[return-value]
         with arguments.one_thread():
-            return refined_by(self.stored, self.refinement)
+            return refine_by(self.stored, self.refinement)
 
     @property
     def seeds(self) -> list[int]:
@@ -476,7 +476,7 @@ class TrainedModel:
         if names is not None and len(names) != len(y):
             raise InputError("of", f"{len(names)} names for {len(y)} windows", "give the trajectory of each")
         inputs = arguments.inputs(u, self.system, len(y), t)
-        y, inputs = (None if x is None else arguments.grouped(x.to(self._device), len(self)) for x in (y, inputs))
+        y, inputs = (None if x is None else arguments.stack_seeds(x.to(self._device), len(self)) for x in (y, inputs))
         windows = Windows(torch.from_numpy(t).float().to(self._device), y, inputs, names)  # type: ignore[arg-type]
         return windows if inputs is None else windows.contiguous(), t  # rounding depends on how they lie
 

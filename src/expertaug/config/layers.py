@@ -24,14 +24,14 @@ def merge(base: Raw, over: Raw) -> Located:
 
     A mapping that names another ``kind`` is replaced too: the arguments of one class are none of another's.
     """
-    merged = _copied(base)
+    merged = _copy(base)
     origins = getattr(over, "origin", {})
     for key, value in over.items():
         old = merged.get(key)
         if isinstance(old, Mapping) and isinstance(value, Mapping) and _of_one_kind(old, value):
             merged[key] = merge(old, value)
         else:
-            merged[key] = _copied(value)
+            merged[key] = _copy(value)
         if value is None and old is not None:
             merged.removed |= {key}
         merged.origin.pop(key, None)
@@ -65,16 +65,16 @@ def _over(old: Any, new: Any) -> Any:
 def of_command_line(values: Raw) -> Located:
     """What ``--config`` says; of its ``key=value`` Snakemake takes true, false and null for texts, and within braces
     and brackets numbers as well."""
-    read = {k: _word(v) if isinstance(v, str) else _spoken(v) for k, v in values.items()}
-    return Located(_copied(read), dict.fromkeys(read, "--config"))
+    read = {k: _word(v) if isinstance(v, str) else _parse_inline(v) for k, v in values.items()}
+    return Located(_copy(read), dict.fromkeys(read, "--config"))
 
 
-def _spoken(value: Any) -> Any:
+def _parse_inline(value: Any) -> Any:
     """A value of braces or brackets, whose numbers are texts."""
     if isinstance(value, Mapping):
-        return {k: _spoken(v) for k, v in value.items()}
+        return {k: _parse_inline(v) for k, v in value.items()}
     if isinstance(value, list):
-        return [_spoken(v) for v in value]
+        return [_parse_inline(v) for v in value]
     if not isinstance(value, str) or not NUMBER.fullmatch(value):
         return _word(value) if isinstance(value, str) else value
     return float(value) if set(value) & set(".eE") else int(value)
@@ -84,21 +84,21 @@ def _word(text: str) -> str | bool | None:
     return {"true": True, "false": False, "null": None}.get(text, text)
 
 
-def _copied(value: Any) -> Any:
+def _copy(value: Any) -> Any:
     if isinstance(value, Mapping):
-        copy = Located({k: _copied(v) for k, v in value.items()}, getattr(value, "origin", {}))
+        copy = Located({k: _copy(v) for k, v in value.items()}, getattr(value, "origin", {}))
         copy.removed = getattr(value, "removed", copy.removed)
         return copy
-    return [_copied(v) for v in value] if isinstance(value, list | tuple) else value
+    return [_copy(v) for v in value] if isinstance(value, list | tuple) else value
 
 
-def marked(value: Any, by: str) -> Any:
+def mark(value: Any, by: str) -> Any:
     """The same with ``by`` added to where each value was said."""
     if not isinstance(value, Mapping):
         return value
-    copy = _copied(value)
+    copy = _copy(value)
     copy.origin = {k: f"{where}, {by}" for k, where in copy.origin.items()}
-    copy.update({k: marked(v, by) for k, v in value.items()})
+    copy.update({k: mark(v, by) for k, v in value.items()})
     return copy
 
 
@@ -165,13 +165,13 @@ def _inherit(
     for here in reversed(chain):
         if here in made:
             continue
-        own = _copied(experiments[here])
+        own = _copy(experiments[here])
         base = own.pop("based_on", None)
         if base is None:
             made[here] = own
         else:
             below = made[base]
-            made[here] = None if below is None else merge(marked(below, f"{here} is based on {base}"), own)
+            made[here] = None if below is None else merge(mark(below, f"{here} is based on {base}"), own)
 
 
 def under(preset: str, experiment: Located, where: str, errors: list[InputError]) -> Located:
@@ -180,8 +180,8 @@ def under(preset: str, experiment: Located, where: str, errors: list[InputError]
 
     The preset's ``choices`` are defaults: the experiment's own win over them.
     """
-    experiment = _copied(experiment)
-    over = marked((experiment.pop("presets", None) or {}).get(preset) or {}, f"under the preset {preset}")
+    experiment = _copy(experiment)
+    over = mark((experiment.pop("presets", None) or {}).get(preset) or {}, f"under the preset {preset}")
     merged = merge(experiment, over)
     choices = merge(over.get("choices") or {}, experiment.get("choices") or {})
     if choices:

@@ -23,7 +23,7 @@ from expertaug.settings import Raw, check
 from expertaug.source_files import project
 from expertaug.wording import show, unknown
 
-__all__ = ["completed", "default_files", "load", "merge", "validate", "with_defaults"]
+__all__ = ["complete_configuration", "default_files", "load", "merge", "validate", "with_defaults"]
 INCLUDE = "include"
 NESTED = 9  # levels of files that include files
 
@@ -69,7 +69,7 @@ def default_files() -> list[Path]:
     return next(([path] for f in folders if f and (path := f / "config" / "config.yaml").is_file()), [])
 
 
-def completed(config: Located, stages: checks.Stages = MappingProxyType({})) -> Configuration:
+def complete_configuration(config: Located, stages: checks.Stages = MappingProxyType({})) -> Configuration:
     """A configuration as the workflow uses it: checked and completed, with a method for each point of its grids.
 
     Arguments:

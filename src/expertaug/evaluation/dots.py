@@ -18,8 +18,8 @@ from expertaug.evaluation.metrics import RELATIVE_ERROR, RELATIVE_ERROR_OF, log_
 from expertaug.evaluation.products import OVERVIEWS
 from expertaug.evaluation.settings import OverviewExperiment, OverviewJob, PlotJob, Reading, Titles
 from expertaug.evaluation.summary import TabledMean, drawn_sets, in_domain, labels_of, order_sets, read_long
-from expertaug.rows import grouped
-from expertaug.versions import SHOWN_SETS, base, ordered, paired
+from expertaug.rows import group_by
+from expertaug.versions import SHOWN_SETS, base, choose_paired, order_versions
 
 ROW, LABELS = 0.165, 1.6  # inches: height of a row, width of the labels beside them
 # Sets of the training's domain are hollow; those beside the three of each experiment look like the test set.
@@ -60,12 +60,12 @@ def draw_dots(
     """
     rows = [row for panel in panels for row in panel.rows]
     labels = labels_of(rows)
-    colours = plotting.colours(ordered(labels, hues), hues)
+    colours = plotting.colours(order_versions(labels, hues), hues)
     columns = -(-len(panels) // -(-len(panels) // 3))  # as many in each line, but for the last
     beside = [panels[start : start + columns] for start in range(0, len(panels), columns)]
-    versions = [ordered((row.method for panel in line for row in panel.rows), hues) for line in beside]
+    versions = [order_versions((row.method for panel in line for row in panel.rows), hues) for line in beside]
     heights = [0.75 + ROW * len(methods) for methods in versions]
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(0.75 + sum(heights), plotting.WIDTH if columns > 1 else 5.2)
         width = (figure.get_figwidth() - LABELS) / columns
         grid = figure.subplots(len(beside), columns, squeeze=False, sharey="row", height_ratios=heights)
@@ -100,7 +100,7 @@ def _mark(name: str, colour: object, titles: Titles) -> Line2D:
 
 def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: plotting.Colours, floor: str | None) -> None:
     sets = order_sets(row.set for row in panel.rows)
-    values = grouped(panel.rows, lambda mean: (mean.method, mean.set))
+    values = group_by(panel.rows, lambda mean: (mean.method, mean.set))
     if floor is not None and (floor, sets[-1]) in values:
         at_floor = float(np.mean([mean.mean for mean in values[floor, sets[-1]]]))
         axis.axvline(at_floor, color="0.35", linewidth=0.9, linestyle=":")
@@ -201,7 +201,7 @@ def _panel_of(
     part = [row for row in rows if (row.experiment, row.metric) == (experiment.name, metric) and row.of]
     sets = sets or (in_domain(row.set for row in part), "test")
     part = [row for row in part if row.set in sets]
-    methods = {*paired(row.method for row in part), *experiment.opponents}
+    methods = {*choose_paired(row.method for row in part), *experiment.opponents}
     title = f"{experiment.of_experiment(experiment.name)}{note}"
     return Panel(title, [row for row in part if row.method in methods], experiment)
 
@@ -251,7 +251,7 @@ def _select(rows: Sequence[TabledMean], metrics: Sequence[str]) -> dict[tuple[st
         what = f"no {' or '.join(metrics)} on {', '.join(SHOWN_SETS)}"
         raise InputError("metrics", what, f"the files hold {evaluated}")
     drawn = []
-    for part in grouped(chosen, lambda row: row.experiment).values():
+    for part in group_by(chosen, lambda row: row.experiment).values():
         sets = drawn_sets(row.set for row in part)
         drawn += [row for row in part if row.set in sets]
-    return grouped(drawn, lambda row: (row.experiment, row.metric))
+    return group_by(drawn, lambda row: (row.experiment, row.metric))

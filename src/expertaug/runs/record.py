@@ -38,7 +38,7 @@ def refuse_another(config: Configuration, files: Iterable[str | Path]) -> None:
         return
     names = _names(files)
     if all(run["files"] != names and run["digest"] != _digest(config) for run in runs):
-        problem = f"'{folder}' holds the tables of {_said(runs[-1]['files'])}, not of {_said(names)}"
+        problem = f"'{folder}' holds the tables of {_say(runs[-1]['files'])}, not of {_say(names)}"
         raise InputError(
             "results", problem, "give another folder (results: …), or set overwrite: true to take this one"
         )
@@ -80,7 +80,7 @@ def _names(files: Iterable[str | Path]) -> list[str]:
     return [os.path.relpath(file) for file in files]
 
 
-def _said(names: object) -> str:
+def _say(names: object) -> str:
     return " and ".join(names) if isinstance(names, list) and names else "the default configuration"
 
 
