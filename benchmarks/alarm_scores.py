@@ -17,7 +17,7 @@ import torch
 from expertaug.cli import keep_freed_memory
 from expertaug.config import load as configuration
 from expertaug.config import shown_settings, stage_settings
-from expertaug.config.load import completed
+from expertaug.config.load import complete_configuration
 from expertaug.evaluation.alarms import alarm
 from expertaug.evaluation.evaluate import evaluate
 from expertaug.evaluation.settings import EvaluateJob, WindowStudyJob
@@ -37,7 +37,7 @@ def main() -> None:
     options = parser.parse_args()
     keep_freed_memory()
     torch.set_num_threads(1)
-    config = completed(configuration.load(options.files))
+    config = complete_configuration(configuration.load(options.files))
     folder = Path(config.results) / options.experiment
     made, sets = [], SetFolder(folder / "data")
     for method in options.methods:

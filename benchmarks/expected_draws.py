@@ -20,13 +20,13 @@ import torch
 from expertaug.cli import keep_freed_memory
 from expertaug.config import load as configuration
 from expertaug.config import stage_settings
-from expertaug.config.load import completed
+from expertaug.config.load import complete_configuration
 from expertaug.evaluation.forecasting import ExpectedError, drawing_of, forecast
 from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.diagnostics.alarm import auroc, failing
 from expertaug.inference.flow import load
-from expertaug.inference.least_squares import refined_by
+from expertaug.inference.least_squares import refine_by
 from expertaug.inference.simulations import own_draws
 from expertaug.learning.divergence import bound_of_card
 from expertaug.learning.residuals import squared_errors
@@ -46,7 +46,7 @@ def main() -> None:
     options = parser.parse_args()
     keep_freed_memory()
     torch.set_num_threads(1)
-    config, device = completed(configuration.load(options.files)), torch.device("cpu")
+    config, device = complete_configuration(configuration.load(options.files)), torch.device("cpu")
     folder = Path(config.results) / options.experiment
     train, validation = (Trajectories.load(folder / "data" / f"{name}.npz") for name in ("train", "validation"))
     print("version: failing [%], AUROC of", ", ".join(map(str, options.draws)), "draws")
@@ -56,7 +56,7 @@ def main() -> None:
         start, how = job.choices.forecast_start, job.evaluation.without_draws
         stored = load(model, device)
         if job.refinement is not None:
-            stored = replace(stored, model=refined_by(stored, job.refinement))
+            stored = replace(stored, model=refine_by(stored, job.refinement))
         usual = score(stored, validation, how, start, device).errors.numpy()
         windows, _ = own_draws(stored, Windows.of(train, device), job.own, job.noise, options.windows)
         drawing, bound = drawing_of(stored, how, job.noise, train.t, start, device), bound_of_card(stored.card, device)

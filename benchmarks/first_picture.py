@@ -34,7 +34,7 @@ def main() -> None:
     config = yaml.safe_load((options.run / "config.yaml").read_text(encoding="utf-8"))
     low, high = config["experiments"]["pendulum"]["data"]["sets"]["train"]["z_e"]["omega0"]
     colours = plotting.colours(list(LINES), OWN)
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(2.7, 6.0)
         axes = figure.add_subplot()
         axes.axvspan(low, high, color="0.93", zorder=0)

@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 from expertaug.config import load as config
-from expertaug.config.load import completed
+from expertaug.config.load import complete_configuration
 from expertaug.evaluation import costs
 from expertaug.runs.warm import WORTH_IT, warm_jobs
 from expertaug.stages import STAGES
@@ -52,7 +52,7 @@ def warm_seconds(folder: Path, *arguments: object) -> float:
 def main() -> None:
     """Print the cost of each stage."""
     root = Path(__file__).parents[1]
-    of_run = completed(config.load([root / "config/config.yaml", root / "config/smoke.yaml"]))
+    of_run = complete_configuration(config.load([root / "config/config.yaml", root / "config/smoke.yaml"]))
 
     def text(stage: str, *names: str) -> str:
         return f"--settings={STAGES[stage].settings_of(of_run, *names)}"

@@ -131,7 +131,7 @@ def noise(image: np.ndarray, centre: np.ndarray) -> float:
 def plot(real: np.ndarray, rendered: np.ndarray, centres: np.ndarray, output: Path) -> None:
     """Both frames, their histograms, rims and tints."""
     images = {"real": real, "rendered": rendered}
-    with plotting.styled():
+    with plotting.use_style():
         figure = Figure(figsize=(11, 6.6), layout="constrained")
         FigureCanvasAgg(figure)
         above, below = figure.subfigures(2, 1, height_ratios=(1.1, 1))

@@ -36,7 +36,7 @@ from expertaug.evaluation.settings import Titles
 from expertaug.evaluation.summary import TabledMean
 from expertaug.evaluation.table import Cell, grid, plain
 from expertaug.files import write_text
-from expertaug.rows import grouped, read_csv
+from expertaug.rows import group_by, read_csv
 from expertaug.versions import Version, base
 
 CELL = ("mean", "std", "n", "low", "high")
@@ -130,7 +130,7 @@ def of_curves(folder: Path, name: str, along: str, one_set: str) -> list[str]:
     points = [one for one in points if (one.along, one.set, one.metric) == (along, one_set, metric.name)]
     rows = [
         [label, *(Cell(metric, one.mean, math.nan, one.n, one.of, one.low, one.high).text() for one in part)]
-        for label, part in grouped(points, lambda one: one.label).items()
+        for label, part in group_by(points, lambda one: one.label).items()
     ]
     return grid([AXES[along], *(plain(value) for value in dict.fromkeys(one.value for one in points))], rows, 1)
 

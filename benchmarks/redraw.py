@@ -27,7 +27,7 @@ DEFAULTS = Path(__file__).parents[1] / "config" / "config.yaml"
 
 def redraw(folder: Path) -> list[str]:
     """Names of the figures that were drawn."""
-    whole = config.completed(config.load([DEFAULTS, folder / "config.yaml"]), STAGES)
+    whole = config.complete_configuration(config.load([DEFAULTS, folder / "config.yaml"]), STAGES)
     tables = {name: folder / "tables" / f"{name}_long.csv" for name in whole.run}
     with tempfile.TemporaryDirectory() as made:
         new = Path(made)

@@ -23,11 +23,11 @@ import torch
 from expertaug.cli import keep_freed_memory
 from expertaug.config import load as configuration
 from expertaug.config import stage_settings
-from expertaug.config.load import completed
+from expertaug.config.load import complete_configuration
 from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.flow import load
-from expertaug.inference.least_squares import refined_by
+from expertaug.inference.least_squares import refine_by
 from expertaug.trajectories import Trajectories
 
 
@@ -43,7 +43,7 @@ def main() -> None:
     options = parser.parse_args()
     keep_freed_memory()
     torch.set_num_threads(1)
-    config = completed(configuration.load(options.files))
+    config = complete_configuration(configuration.load(options.files))
     device, folder = torch.device("cpu"), Path(config.results) / options.experiment
     model = sorted((folder / options.method).glob("*/model.safetensors"))[0]
     version = f"{options.method}~refined"
@@ -56,7 +56,7 @@ def main() -> None:
         given = [float(value) if "." in value else int(value) for value in text.split(",")]
         how = job.refinement.settings.model_copy(update=dict(zip(names, given, strict=False)))
         before = time.process_time()
-        refined = replace(stored, model=refined_by(stored, job.refinement.model_copy(update={"settings": how})))
+        refined = replace(stored, model=refine_by(stored, job.refinement.model_copy(update={"settings": how})))
         values = score(refined, windows, job.evaluation.without_draws, job.choices.forecast_start, device).values
         taken = time.process_time() - before
         mean, median = (values[f"log_mse{kind}_dim"].tolist() for kind in ("", "_median"))

@@ -26,7 +26,7 @@ from expertaug.config.models import Configuration
 from expertaug.errors import InputError, SolveError
 from expertaug.evaluation.metrics import log_mse, log_mse_of, parameter_errors
 from expertaug.inference import alternating
-from expertaug.inference.least_squares import refined_by
+from expertaug.inference.least_squares import refine_by
 from expertaug.inference.settings import AlternateJob
 from expertaug.learning import augment, finetune, train
 from expertaug.learning.settings import AugmentJob, FinetuneJob, train_job
@@ -49,7 +49,7 @@ def score(model: Path, data: Path, evaluation: dict) -> dict[str, np.ndarray]:
     """log-MSE of every seed on training and validation set, and the validation set's parameter error in %."""
     stored = store.load(model)
     card = stored.card
-    estimator = refined_by(stored, card.refinement) if card.kind == "alternating" else stored.model
+    estimator = refine_by(stored, card.refinement) if card.kind == "alternating" else stored.model
     solver, start = Solver.from_mapping(evaluation["solver"]), evaluation["from_s"]
     scores, metric = {}, log_mse_of(evaluation["convention"]).name
     for name in ("train", "validation"):

@@ -218,7 +218,7 @@ def turning_point(rows: pd.DataFrame) -> float | None:
 
 def plot(faults: pd.DataFrame, output: Path) -> None:
     """Error of the frames that are used, and the share of frames that are not, against the level of each fault."""
-    with plotting.styled():
+    with plotting.use_style():
         figure = Figure(figsize=(9.0, 5.2), layout="constrained")
         FigureCanvasAgg(figure)
         for axis, (fault, (unit, _, _)) in zip(figure.subplots(2, 3).flat, FAULTS.items(), strict=True):

@@ -18,11 +18,11 @@ import torch
 from expertaug.cli import keep_freed_memory
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as configuration
-from expertaug.config.load import completed
+from expertaug.config.load import complete_configuration
 from expertaug.evaluation.score import score
 from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.flow import load
-from expertaug.inference.least_squares import refined_by, refinement_of
+from expertaug.inference.least_squares import refine_by, refinement_of
 from expertaug.trajectories import Trajectories
 
 
@@ -35,7 +35,7 @@ def main() -> None:
     options = parser.parse_args()
     keep_freed_memory()
     torch.set_num_threads(1)
-    config = completed(configuration.load(options.files))
+    config = complete_configuration(configuration.load(options.files))
     device, folder = torch.device("cpu"), Path(config.results) / options.experiment
     windows = Trajectories.load(folder / "data" / "validation.npz").spread(options.windows)
     print("| method | estimate [ms] | log-MSE (validation) |\n|---|---:|---:|")
@@ -47,7 +47,7 @@ def main() -> None:
         stored = load(model, device, job.classes or ())
         refinement = refinement_of(stored, job.refinement)
         if refinement is not None:
-            stored = replace(stored, model=refined_by(stored, refinement))
+            stored = replace(stored, model=refine_by(stored, refinement))
         for data in (windows.spread(2), windows):
             values = score(stored, data, job.evaluation.without_draws, job.choices.forecast_start, device).values
         cost = f"{values['estimate_ms'].mean():.3g}" if "estimate_ms" in values else "–"

@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 
 from expertaug import plotting
 from expertaug.config import shown_settings
-from expertaug.config.load import completed, load
+from expertaug.config.load import complete_configuration, load
 from expertaug.hues import EQUATION, FLOOR, HUES, OWN
 
 # Machado, Oliveira and Fernandes (2009), of deuteranopia, for linear RGB.
@@ -39,11 +39,11 @@ def test_colours_of_two_hues_differ(matrix, end):
 
 
 def test_a_method_has_one_hue_in_every_configuration():
-    default = completed(load([DEFAULT]))
+    default = complete_configuration(load([DEFAULT]))
     names = [name for name in default.methods if "@" not in name]
     assert set(OWN) == set(names)
     for files in ([DEFAULT], [DEFAULT, "config/data_curves.yaml"], [DEFAULT, "config/peers.yaml"]):
-        config = completed(load(files))
+        config = complete_configuration(load(files))
         hues = dict(shown_settings.hues(config))
         assert {name: hues[name] for name in names} == OWN
         for name in config.run:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from expertaug.errors import InputError
-from expertaug.rows import cells, columns, frame, grouped, read_csv, write_csv
+from expertaug.rows import cells, columns, frame, group_by, read_csv, write_csv
 
 
 @dataclass(frozen=True)
@@ -73,4 +73,4 @@ def test_what_cannot_be_read_is_refused(tmp_path, text, message):
 
 
 def test_groups_are_in_order_of_appearance():
-    assert grouped([3, 1, 4, 1, 5], lambda n: n % 2) == {1: [3, 1, 1, 5], 0: [4]}
+    assert group_by([3, 1, 4, 1, 5], lambda n: n % 2) == {1: [3, 1, 1, 5], 0: [4]}

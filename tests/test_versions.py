@@ -28,10 +28,10 @@ def test_names_and_labels(variant, parts, printed):
 
 
 def test_versions_are_in_the_order_of_their_methods():
-    assert versions.ordered(["b", "a+", "c", "a"], ["a"]) == ["a", "a+", "b", "c"]
-    assert versions.ordered(["a+x", "a", "a+"]) == ["a", "a+x", "a+"]
-    assert versions.paired(["a", "b", "b+"]) == ["b", "b+"]
-    assert versions.paired(["a", "b"]) == ["a", "b"]
+    assert versions.order_versions(["b", "a+", "c", "a"], ["a"]) == ["a", "a+", "b", "c"]
+    assert versions.order_versions(["a+x", "a", "a+"]) == ["a", "a+x", "a+"]
+    assert versions.choose_paired(["a", "b", "b+"]) == ["b", "b+"]
+    assert versions.choose_paired(["a", "b"]) == ["a", "b"]
 
 
 def test_lines_of_augmented_versions_are_solid():
@@ -46,7 +46,7 @@ def test_which_file_a_version_uses_and_what_it_is():
     assert [parsed(v).is_control for v in ("a", "a=", "a+", "a=~refined")] == [False, True, False, True]
     assert [parsed(v).is_flow for v in ("a+", "a+~flow", "a+~flow~refined")] == [False, True, True]
     assert [parsed(v).is_refined for v in ("a+", "a+~flow", "a+~flow~refined")] == [False, False, True]
-    assert versions.ordered(["a+~refined", "a+", "a=", "a~refined", "a"]) == [
+    assert versions.order_versions(["a+~refined", "a+", "a=", "a~refined", "a"]) == [
         "a~refined",
         "a",
         "a=",
@@ -57,10 +57,10 @@ def test_which_file_a_version_uses_and_what_it_is():
 
 def test_figures_compare_the_classical_estimator_first():
     names = ["least_squares", *(f"m{k}{v}" for k in range(versions.LINES) for v in ("", "~refined"))]
-    assert "least_squares" not in versions.compared(names)
-    assert versions.compared(names, "least_squares")[0] == "least_squares"
-    assert len(versions.compared(names, "least_squares")) == versions.LINES == 7
-    assert len(versions.compared(names, "least_squares", 6)) == 6
+    assert "least_squares" not in versions.choose_compared(names)
+    assert versions.choose_compared(names, "least_squares")[0] == "least_squares"
+    assert len(versions.choose_compared(names, "least_squares")) == versions.LINES == 7
+    assert len(versions.choose_compared(names, "least_squares", 6)) == 6
 
 
 def test_settings_hold_versions_and_json_their_names():

@@ -84,7 +84,7 @@ def _workplace(path: Path) -> tuple[Path, IO[str]]:
 
 def _sweep(path: Path) -> None:
     """Remove the folders of writers of ``path`` that are gone."""
-    for folder in path.parent.glob(f".{_escaped(path.name)}.tmp-*"):
+    for folder in path.parent.glob(f".{_escape(path.name)}.tmp-*"):
         try:
             with (folder / "lock").open("r+") as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -96,7 +96,7 @@ def _sweep(path: Path) -> None:
             continue
 
 
-def _escaped(name: str) -> str:
+def _escape(name: str) -> str:
     """A name as a glob pattern that matches it alone."""
     return re.sub(r"([*?[])", r"[\1]", name)
 
@@ -112,7 +112,7 @@ def _reason(error: Exception) -> str | None:
 
 
 @contextmanager
-def locked(path: Path, wait_s: float = 0.0, held: str = "another process holds this lock") -> Iterator[None]:
+def lock_file(path: Path, wait_s: float = 0.0, held: str = "another process holds this lock") -> Iterator[None]:
     """Hold the lock that a file is; the kernel releases it however this process ends.
 
     Arguments:

@@ -205,14 +205,14 @@ def legend(figure: Figure, handles: Sequence[Artist]) -> None:
 
 def note(words: str) -> Figure:
     """A figure that says only why there is nothing to draw: what a workflow expects is then there all the same."""
-    with styled():
+    with use_style():
         figure = new_figure(0.8, 5.2)
         figure.set_label(NOTE)
         figure.text(0.5, 0.5, wrap_words(words, 5.0, RC["font.size"]), ha="center", va="center", color="0.35")
     return figure
 
 
-def styled() -> AbstractContextManager:
+def use_style() -> AbstractContextManager:
     """The context in which figures are made and saved."""
     return mpl.rc_context(RC)
 
@@ -243,6 +243,6 @@ def save(figure: Figure, outputs: str | Path | Iterable[str | Path], dpi: float 
 
 def save_all(figures: Mapping[Path, Figure]) -> None:
     """Save figures, each as :func:`save` does at its path, in the style in which they were drawn."""
-    with styled():
+    with use_style():
         for path, figure in figures.items():
             save(figure, path)

@@ -156,12 +156,12 @@ class Choices(Settings):
     )
 
 
-def _described(field: FieldInfo) -> Row:
+def _describe(field: FieldInfo) -> Row:
     assert isinstance(field.json_schema_extra, dict)
     return Row(field.description or "", get_args(field.annotation), **field.json_schema_extra["presets"])  # type: ignore[arg-type]
 
 
-ROWS: Mapping[str, Row] = {name: _described(field) for name, field in Choices.model_fields.items()}
+ROWS: Mapping[str, Row] = {name: _describe(field) for name, field in Choices.model_fields.items()}
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def find(part: Part, kind: str, where: str) -> type:
     Raises:
         InputError: there is no such kind, module or class, or the class cannot be used as ``part``.
     """
-    return check(part, _named(full_name(part, kind, where), where), where)
+    return check(part, _import(full_name(part, kind, where), where), where)
 
 
 def check(part: Part, cls: Any, where: str) -> type:
@@ -76,7 +76,7 @@ def check(part: Part, cls: Any, where: str) -> type:
     Raises:
         InputError: it is no class, has another base, is abstract or lacks the method that every one of its part has.
     """
-    base, needed = _named(part.base, where), part.needed
+    base, needed = _import(part.base, where), part.needed
     family = part.base.replace(":", ".")
     if not inspect.isclass(cls):
         raise InputError(where, f"{getattr(cls, '__name__', cls)!r} is no class", f"name a subclass of {family}")
@@ -100,7 +100,7 @@ def arguments(cls: type) -> list[str] | None:
     for ancestor in cls.__mro__:
         if "__init__" not in vars(ancestor):
             continue
-        if ancestor is object or ancestor is _named("torch.nn:Module", "torch"):
+        if ancestor is object or ancestor is _import("torch.nn:Module", "torch"):
             return None if handed_on else names
         own = list(inspect.signature(ancestor.__init__).parameters.values())[1:]
         names += [p.name for p in own if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) and p.name not in names]
@@ -131,7 +131,7 @@ def import_named(module: str, where: str) -> ModuleType:
         raise InputError(where, problem, "correct that file") from error
 
 
-def _named(name: str, where: str) -> Any:
+def _import(name: str, where: str) -> Any:
     """What ``package.module:Name`` is."""
     module, _, attribute = name.partition(":")
     try:

@@ -97,7 +97,7 @@ def cells(kind: type[Row], rows: Sequence[Row]) -> dict[str, list[Any]]:
     return {c.name: each for c, each in values.items() if c.needed or any(cell is not None for cell in each)}
 
 
-def grouped(rows: Iterable[Row], key: Callable[[Row], Key]) -> dict[Key, list[Row]]:
+def group_by(rows: Iterable[Row], key: Callable[[Row], Key]) -> dict[Key, list[Row]]:
     """Rows by what they have in common, in order of appearance."""
     groups: dict[Key, list[Row]] = {}
     for row in rows:

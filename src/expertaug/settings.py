@@ -24,7 +24,7 @@ from pydantic import (
     model_serializer,
     model_validator,
 )
-from pydantic_core import PydanticCustomError, core_schema
+from pydantic_core import ErrorDetails, PydanticCustomError, core_schema
 
 from expertaug import wording
 from expertaug.errors import InputError, InputErrors
@@ -147,7 +147,7 @@ def _each_once(values: list[int]) -> list[int]:
     return values
 
 
-def _ordered(value: tuple[float, float]) -> tuple[float, float]:
+def _check_order(value: tuple[float, float]) -> tuple[float, float]:
     if value[0] > value[1]:
         raise wrong(f"found {wording.show(list(value))}", "min must not exceed max")
     if max(map(abs, value)) > LARGEST:
@@ -155,7 +155,7 @@ def _ordered(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
-def _spoken(value: object) -> str:
+def _speak(value: object) -> str:
     """Whether a value that is a number or a word is meant as the number, also where YAML takes that for a text."""
     return "@word" if isinstance(value, str) and wording.number_in(value) is None else "@number"
 
@@ -200,7 +200,7 @@ Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 PositivePair = Annotated[tuple[Positive, Positive], Field(strict=False)]
 Range = Annotated[
-    tuple[float, float], Field(strict=False, json_schema_extra={"ordered": True}), AfterValidator(_ordered)
+    tuple[float, float], Field(strict=False, json_schema_extra={"ordered": True}), AfterValidator(_check_order)
 ]
 EachOnce = AfterValidator(_each_once)  # of a list
 Name = Annotated[str, Field(pattern=wording.PATTERNS["name"])]
@@ -208,7 +208,7 @@ Seeds = Annotated[list[Annotated[int, Field(ge=0, lt=2**63)]], Field(min_length=
 Device = Literal["auto", "cpu", "cuda"]
 # Standard deviation of the noise of data: of every value, of each component's, or as estimated from measurements.
 _NoiseOfAll = Annotated[
-    Annotated[NotNegative, Tag("@number")] | Annotated[Literal["estimated"], Tag("@word")], Discriminator(_spoken)
+    Annotated[NotNegative, Tag("@number")] | Annotated[Literal["estimated"], Tag("@word")], Discriminator(_speak)
 ]
 Noise = Annotated[Annotated[_NoiseOfAll, ONE] | Annotated[dict[str, NotNegative], KEYS], by_shape]
 OWN = "own"  # in the place of the ranges of p⁺ that are to be found
@@ -273,18 +273,18 @@ def complaints(error: ValidationError, kind: type[BaseModel], where: str, whole:
             continue
         context = mistake.get("ctx", {})
         for each in (context, *context.get("further", ())):
-            said = wording.explain({**mistake, "ctx": each}, where, lambda path: _described(kind, path))
+            said = wording.explain({**mistake, "ctx": each}, where, lambda path: _describe(kind, path))
             by_text.setdefault(str(said), said)
     return list(by_text.values())
 
 
-def _place(error: Mapping[str, Any]) -> list[str]:
+def _place(error: ErrorDetails) -> list[str]:
     """By which mistakes are ordered: a key that is unknown or missing is one of its block."""
     of_block = error["type"] in ("missing", "extra_forbidden")
     return [str(part) for part in (error["loc"][:-1] if of_block else error["loc"])]
 
 
-def _described(kind: Any, path: Sequence[str | int]) -> wording.Described:
+def _describe(kind: Any, path: Sequence[str | int]) -> wording.Described:
     """What is known of the place ``path`` in settings: its type, description and keys."""
     annotation, description = kind, ""
     for part in path:

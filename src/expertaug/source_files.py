@@ -76,8 +76,8 @@ def digest(modules: Iterable[str]) -> str:
 
 def versions(modules: Iterable[str]) -> list[str]:
     """Installed versions of the numeric packages that these modules and all that they import use: ``numpy 2.4.6``."""
-    used = {name.partition(".")[0] for module, path in _all(modules) for name in _imported(path, module)}
-    return [_installed(name) for name in NUMERIC if name in used]
+    used = {name.partition(".")[0] for module, path in _all(modules) for name in _list_imports(path, module)}
+    return [_find_version(name) for name in NUMERIC if name in used]
 
 
 def libraries() -> list[str]:
@@ -85,7 +85,7 @@ def libraries() -> list[str]:
     names: set[str] = set()
     for path in chain.from_iterable((PACKAGE.parent / package).rglob("*.py") for package in PACKAGES):
         module = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
-        names.update(_imported(path, module.removesuffix(".__init__")))
+        names.update(_list_imports(path, module.removesuffix(".__init__")))
     return sorted(name for name in names if name.partition(".")[0] not in PACKAGES)
 
 
@@ -146,7 +146,7 @@ def _reachable(name: str, ignored: frozenset[str]) -> frozenset[tuple[str, Path]
         if module in paths or module in ignored or path is None:
             continue
         paths[module] = path
-        todo += [other for other in _imported(path, module) if other.split(".")[0] in roots]
+        todo += [other for other in _list_imports(path, module) if other.split(".")[0] in roots]
         todo.append(module.rpartition(".")[0])
     if name not in paths:
         raise InputError(name, "no such module of expertaug", "correct the name")
@@ -170,7 +170,7 @@ def _path(module: str, root: Path = PACKAGE.parent) -> Path | None:
 
 
 @cache
-def _imported(path: Path, module: str) -> tuple[str, ...]:
+def _list_imports(path: Path, module: str) -> tuple[str, ...]:
     """Modules that a file, which is ``module``, names in import statements."""
     names = []
     package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
@@ -193,7 +193,7 @@ def _statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
 
 
 @cache
-def _installed(name: str) -> str:
+def _find_version(name: str) -> str:
     for distribution in NUMERIC[name]:
         try:
             return f"{distribution} {version(distribution)}"

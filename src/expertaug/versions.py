@@ -49,7 +49,7 @@ class Version:
     @staticmethod
     def parse(name: str) -> Version:
         """The version of this name."""
-        return _parsed(name)
+        return _parse(name)
 
     def __str__(self) -> str:
         return ESTIMATOR.join([f"{self.method}{self.step}{self.prior or ''}", *self.estimators])
@@ -111,7 +111,7 @@ class Version:
 
 
 @cache
-def _parsed(name: str) -> Version:
+def _parse(name: str) -> Version:
     trained, *estimators = name.split(ESTIMATOR)
     if trained.endswith(CONTROL):
         return Version(trained.removesuffix(CONTROL), CONTROL, None, tuple(estimators))
@@ -127,7 +127,7 @@ def base(name: str) -> str:
     return Version.parse(name).method
 
 
-def compared(names: Sequence[str], classical: str | None = None, most: int = LINES) -> list[str]:
+def choose_compared(names: Sequence[str], classical: str | None = None, most: int = LINES) -> list[str]:
     """The versions that one figure compares, at most so many.
 
     First the classical estimator and methods that have flows or refined versions, as trained and augmented, then the
@@ -146,14 +146,14 @@ def compared(names: Sequence[str], classical: str | None = None, most: int = LIN
     return [name for name in names if name in chosen]
 
 
-def paired(names: Iterable[str]) -> list[str]:
+def choose_paired(names: Iterable[str]) -> list[str]:
     """The versions of those methods that have an augmented one; all where there is none."""
     each = list(dict.fromkeys(names))
     methods = {base(name) for name in each if Version.parse(name).is_augmented}
     return [name for name in each if base(name) in methods] or each
 
 
-def ordered(names: Iterable[str], methods: Iterable[str] = ()) -> list[str]:
+def order_versions(names: Iterable[str], methods: Iterable[str] = ()) -> list[str]:
     """Versions in the order of ``methods``, then of appearance: as trained, controls, then augmented ones."""
     each = list(dict.fromkeys(names))
     ranked = sorted(each, key=lambda name: ("", CONTROL, AUGMENTED).index(Version.parse(name).step))

@@ -101,7 +101,7 @@ def split_recordings(recordings: Iterable[Recording], job: SplitChunksJob) -> Sp
     """
     data, fit = as_measured(recordings, job)
     divided = sets_of(data)
-    return Splits(divided.sets, _chunks(data, divided, job), _described(data, divided, fit, job))
+    return Splits(divided.sets, _chunks(data, divided, job), _describe(data, divided, fit, job))
 
 
 def cut_horizon(angles: Sequence[str | Path], output: str | Path, job: CutHorizonJob) -> None:
@@ -245,7 +245,7 @@ def _chunks(data: Measured, divided: Divided, job: SplitChunksJob) -> pd.DataFra
     return pd.concat(tables)
 
 
-def _described(data: Measured, divided: Divided, fit: Fit, job: SplitChunksJob) -> dict[str, object]:
+def _describe(data: Measured, divided: Divided, fit: Fit, job: SplitChunksJob) -> dict[str, object]:
     """What splits.json says."""
     series, counts, speeds = data.grid.series, {}, {}
     for name, chunks in divided.sets.items():

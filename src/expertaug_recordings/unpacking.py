@@ -66,7 +66,7 @@ def unpack(archive: Path, folder: Path, choose: Callable[[list[PurePosixPath]], 
             with tar:
                 members = _members(archive, tar)
                 listed = [Member(m.name, m.size, m.isfile(), not (m.isfile() or m.isdir())) for m in members]
-                _extract(folder, chosen_members(listed, choose, archive), lambda name: tar.extractfile(name))
+                _extract(folder, choose_members(listed, choose, archive), lambda name: tar.extractfile(name))
                 while tar.fileobj.read(2**20):  # a packed tar's checksum is at its end
                     pass
         elif zipfile.is_zipfile(archive):
@@ -77,7 +77,7 @@ def unpack(archive: Path, folder: Path, choose: Callable[[list[PurePosixPath]], 
                 listed = [
                     Member(i.filename, i.file_size, not i.is_dir(), stat.S_ISLNK(i.external_attr >> 16)) for i in infos
                 ]
-                _extract(folder, chosen_members(listed, choose, archive), pack.open)
+                _extract(folder, choose_members(listed, choose, archive), pack.open)
         else:
             raise InputError(archive, "neither a tar nor a zip archive", "give the dataset's .tar.gz or .zip")
     except DAMAGE as error:
@@ -137,7 +137,7 @@ class Member(NamedTuple):
     is_odd: bool
 
 
-def chosen_members(
+def choose_members(
     members: Sequence[Member],
     choose: Callable[[list[PurePosixPath]], Iterable[PurePosixPath]],
     where: object = "archive",

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from expertaug.api.window_file import _told
+from expertaug.api.window_file import _describe
 
 NOBODY_SAID = {"z_e_std": {}, "chi2": None, "p_chi2": None, "outside": None, "doubts": None}
 
@@ -18,7 +18,7 @@ def verdicts(trusted):
     seeds = range(len(trusted))
     given = {"seeds": seeds, "t": np.arange(5.0), "z_e": z_e, "units": {"z_e omega0": "rad/s"}, "trusted": trusted}
     found = SimpleNamespace(names=[str(k) for k in range(trusted.shape[1])], start_s=np.zeros(trusted.shape[1]))
-    lines = _told(SimpleNamespace(**given, **NOBODY_SAID), found, 3)
+    lines = _describe(SimpleNamespace(**given, **NOBODY_SAID), found, 3)
     return [line.rpartition("rad/s, ")[2] for line in lines]
 
 

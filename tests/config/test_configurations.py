@@ -8,7 +8,7 @@ import pytest
 
 from expertaug.config import jobs, stage_settings
 from expertaug.config import load as config
-from expertaug.config.load import completed
+from expertaug.config.load import complete_configuration
 
 FOLDER = Path(__file__).parents[2] / "config"
 
@@ -73,6 +73,6 @@ def test_nothing_of_the_default_sizes_is_left_in_the_papers(
 @pytest.mark.parametrize("preset", ["corrected", "paper", "code"])
 def test_alternation_on_the_circuit_steps_as_its_other_trainings_do(preset):
     """Sources and rates of the presets differ, and with them the steps that are stable."""
-    one = completed(config.load([FOLDER / "config.yaml"]) | {"preset": preset}).experiments["rlc"]
+    one = complete_configuration(config.load([FOLDER / "config.yaml"]) | {"preset": preset}).experiments["rlc"]
     alternating = one.overrides["alternating"].alternation.solver.dump()
     assert one.training.solver.dump(include=alternating) == alternating

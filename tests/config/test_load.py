@@ -225,6 +225,18 @@ def test_shipped_files_are_valid(base, name, tmp_path):
         ),
         ("experiments: {pendulum: {presets: {cod: {}}}}", "presets.cod: unknown key; did you mean 'code'?"),
         (
+            "experiments: {pendulum: {presets: {paper: {system: {omega: 1}}}}}",
+            "experiments.pendulum.presets.paper.system.omega: unknown key",
+        ),
+        (
+            "experiments: {pendulum: {presets: {code: {model: {encoder: {layrs: [3]}}}}}}",
+            "experiments.pendulum.presets.code.model.encoder.layrs: unknown key; did you mean 'layers'?",
+        ),
+        (
+            "experiments: {pendulum: {presets: {code: {studies: {horizns: null}}}}}",
+            "experiments.pendulum.presets.code.studies.horizns",
+        ),
+        (
             "experiments: {pendulum_during_training: {based_on: pendulum}}",
             "experiments.pendulum_during_training: the files of 'pendulum' would have the same names",
         ),

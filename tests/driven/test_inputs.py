@@ -7,7 +7,7 @@ from driven_sets import DAMPING, FREQUENCY, T, simulated
 
 import expertaug as ea
 from expertaug.errors import InputError
-from expertaug.systems.inputs import Linear, inputs_of, observed, solve, states_of
+from expertaug.systems.inputs import Linear, as_observed, inputs_of, solve, states_of
 from expertaug.windows import Windows
 
 
@@ -66,13 +66,13 @@ def test_what_is_observed_is_states_and_inputs():
     assert windows.shape == (3, 2, 5, 3, 4)
     assert torch.equal(states_of(system, windows), y)
     assert torch.equal(inputs_of(system, windows), u)
-    seen = observed(system)
+    seen = as_observed(system)
     assert [p.name for p in seen.state] == ["y", "u", "c"] and seen.state_shape == (3, 4)
     assert Windows(torch.arange(3.0), y).joined is y and states_of(ea.DampedPendulum(), y) is y
 
 
 def test_networks_see_inputs_in_units_of_their_scale():
-    seen = observed(Integrator())
+    seen = as_observed(Integrator())
     assert seen.features(torch.tensor([[3.0, 4.0]])).tolist() == [[3.0, 2.0]]
 
 

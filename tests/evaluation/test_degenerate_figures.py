@@ -63,7 +63,7 @@ def metrics(tmp_path, value):
 def test_estimates(value):
     numbers = dict.fromkeys(("value", "error", "low", "high", "spread"), value)
     one = estimates.TabledEstimate("a", "A", "omega0", "rad/s", "all", **numbers, windows=3, groups=3, told=None)
-    with plotting.styled():
+    with plotting.use_style():
         estimates.draw([one], EstimatesJob(labels=[("a", "A")]), "swings").savefig(io.BytesIO())
 
 
@@ -155,5 +155,5 @@ def test_validity(value):
 
 def drawn(figure):
     """Draw a figure as saving does."""
-    with plotting.styled():
+    with plotting.use_style():
         figure.savefig(io.BytesIO())

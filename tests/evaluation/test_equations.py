@@ -44,10 +44,10 @@ def test_the_table_names_the_terms_and_what_they_gain(tmp_path):
 def test_which_methods_are_asked():
     asked = {"experiments": {"pendulum": {"equation": {"by_hand": ["omega: omega"]}}}}
     given = config.load([ROOT / "config" / "config.yaml"])
-    assert jobs.explained(config.validate(given), "pendulum") == []  # nobody asked
+    assert jobs.list_explained(config.validate(given), "pendulum") == []  # nobody asked
     given["experiments"]["pendulum"] |= asked["experiments"]["pendulum"]
     found = config.validate(given)
-    methods = jobs.explained(found, "pendulum")
+    methods = jobs.list_explained(found, "pendulum")
     assert methods[0] == "least_squares" and "aphynity" in methods and "ml_only" not in methods
     job = EquationJob.from_mapping(stage_settings.equation(found, "pendulum"))
     assert [one.version for one in job.versions] == methods

@@ -10,7 +10,7 @@ from expertaug import systems
 from expertaug.errors import InputError, SolveError
 from expertaug.inference import alternating as stage
 from expertaug.inference.alternating import run_stage as alternate
-from expertaug.inference.least_squares import refined_by
+from expertaug.inference.least_squares import refine_by
 from expertaug.inference.settings import AlternateJob, AlternatingSettings
 from expertaug.learning.settings import Build
 from expertaug.learning.train import describe_recipe
@@ -63,7 +63,7 @@ def test_finds_the_damping(data, settings):
     stored = training.run()
     validation = Trajectories.load(data / "validation.npz")
     y = torch.from_numpy(validation.y).movedim(1, 0).unsqueeze(1)
-    estimator = refined_by(stored, stored.card.refinement)
+    estimator = refine_by(stored, stored.card.refinement)
     found = estimator.estimate(seen(y[: stored.card.observed]))
     states = y[::4]
     with torch.no_grad():
@@ -143,7 +143,7 @@ def test_a_model_file_holds_what_forecasts_need(data, settings, tmp_path):
     stored = store.load(path)
     assert stored.card.kind == "alternating" and stored.seeds == [0, 1]
     windows = torch.from_numpy(Trajectories.load(data / "validation.npz").y[:3, :21]).movedim(1, 0).unsqueeze(1)
-    found = refined_by(stored, stored.card.refinement).estimate(seen(windows.expand(-1, 2, -1, -1)))
+    found = refine_by(stored, stored.card.refinement).estimate(seen(windows.expand(-1, 2, -1, -1)))
     assert found.z_e.shape == (2, 3, 1) and found.z_a.shape == (2, 3, 1)
     assert ((found.z_e > 0.5) & (found.z_e < 4)).all()
 

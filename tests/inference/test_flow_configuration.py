@@ -84,7 +84,7 @@ def test_a_p_plus_that_is_not_given_finds_its_own_ranges():
     config = validate({**given, "run": ["pendulum"], "experiments": {"pendulum": one}})
     assert stage_settings.flow(config, "pendulum", "aphynity+~flow", "seeds_0_1_2")["prior"] == "own"
     assert jobs.finds_prior(config, "pendulum", "aphynity+~flow") == "aphynity+"
-    assert jobs.found_priors(config, "pendulum") == ["aphynity+"]
+    assert jobs.list_found_priors(config, "pendulum") == ["aphynity+"]
     found = stage_settings.own_prior(config, "pendulum", "aphynity+", "seeds_0_1_2")
     assert found["windows"] == [] and found["budget"] == 2.0 and found["noise"] == 0.01
 
@@ -92,11 +92,11 @@ def test_a_p_plus_that_is_not_given_finds_its_own_ranges():
 def test_further_priors_may_find_their_own_ranges_too():
     own = {"augmentations": {"own": {"windows": ["test"], "methods": ["aphynity"]}}}
     config = completed(**own, augmented=["aphynity"], flows=[], refined=[], controls=[], methods=["truth", "aphynity"])
-    assert jobs.found_priors(config, "pendulum") == ["aphynity+own"]
+    assert jobs.list_found_priors(config, "pendulum") == ["aphynity+own"]
     assert stage_settings.augment(config, "pendulum", "aphynity+own", "seeds_0_1_2")["prior"] == "own"
     assert stage_settings.own_prior(config, "pendulum", "aphynity+own", "seeds_0_1_2")["windows"] == ["test"]
     everywhere = completed(augmentation={"prior": None}, augmentations={}, refined=["hvae"], flows=[], controls=[])
-    found = jobs.found_priors(everywhere, "pendulum")
+    found = jobs.list_found_priors(everywhere, "pendulum")
     assert {"", "aphynity+", "hvae+"} <= set(found) and len(found) == len(set(found))
     assert jobs.finds_prior(everywhere, "pendulum", "least_squares") == ""
     alone = stage_settings.own_prior(everywhere, "pendulum", "", None)

@@ -86,7 +86,7 @@ def test_the_true_equation_is_a_floor(name):
     described = RecipeRecord(system={"name": name}, interaction=False)
     stored = train_stage.make_expert_alone(system, data, settings, described, truth=True)
     y = torch.from_numpy(data.y).movedim(1, 0).unsqueeze(1).float()
-    found = refined_by(stored, stored.card.refinement).estimate(seen(y.expand(-1, 2, *y.shape[2:])))
+    found = refine_by(stored, stored.card.refinement).estimate(seen(y.expand(-1, 2, *y.shape[2:])))
     expected = torch.from_numpy(data.z_e).float()
     assert ((found.z_e[0] - expected) / expected).abs().mean() < (0.02 if noise else 1e-4)
     assert (found.z_a[0] - torch.from_numpy(data.z_a).float()).abs().mean() < 0.05 * data.z_a.mean()
@@ -94,7 +94,7 @@ def test_the_true_equation_is_a_floor(name):
     beyond = {k: (10 * high, 20 * high) for k, (_, high) in z_a.items()} if name == "reaction_diffusion" else z_a
     far = trajectories(system, ranges, beyond, n=4, t=t, noise=noise)
     y = torch.from_numpy(far.y).movedim(1, 0).unsqueeze(1).float().expand(-1, 2, -1, *[-1] * (far.y.ndim - 2))
-    found = refined_by(stored, stored.card.refinement).estimate(seen(y))
+    found = refine_by(stored, stored.card.refinement).estimate(seen(y))
     assert (found.z_a[0] - torch.from_numpy(far.z_a).float()).abs().mean() < 0.05 * far.z_a.mean()
     with pytest.raises(InputError, match="only simulated data have a true equation"):
         train_stage.make_expert_alone(system, replace(data, z_a=None), settings, described, truth=True)

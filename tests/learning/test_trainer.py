@@ -8,7 +8,7 @@ import torch
 
 from expertaug.errors import InputError, SolveError
 from expertaug.learning import objectives
-from expertaug.learning.job import Checkpoint, fingerprint, locked
+from expertaug.learning.job import Checkpoint, fingerprint, lock_job
 from expertaug.learning.objectives import finite_forecast
 from expertaug.learning.train import run_stage as train
 from expertaug.learning.trainer import Trainer
@@ -84,7 +84,7 @@ def test_a_folder_in_a_checkpoints_place_is_told_before_anything_runs(tmp_path):
 
 
 def test_two_processes_do_not_run_one_job(tmp_path):
-    with locked(tmp_path / "work"), pytest.raises(InputError, match="another process"), locked(tmp_path / "work"):
+    with lock_job(tmp_path / "work"), pytest.raises(InputError, match="another process"), lock_job(tmp_path / "work"):
         pass
 
 

@@ -5,7 +5,7 @@ import pytest
 from swings import NAMES, STEP, settings, swing, table, trials
 
 from expertaug.errors import InputError
-from expertaug.measurements.cut import divide, measured, sets_of
+from expertaug.measurements.cut import divide, measure, sets_of
 from expertaug.measurements.settings import Label, SplitSettings
 
 RULES = (
@@ -31,7 +31,7 @@ def spans(sets):
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: "-".join(map(str, rule.dump().values()))[:40])
 def test_no_point_is_in_two_sets(tmp_path, rule):
-    data = measured(settings(trials(tmp_path), split=rule), NAMES)
+    data = measure(settings(trials(tmp_path), split=rule), NAMES)
     found, _, _ = sets_of(data)
     each = spans(found)
     assert all(len(one) for one in found.values())
@@ -46,7 +46,7 @@ def test_small_swings_train_and_large_ones_test_and_the_other_way_round(tmp_path
     path = trials(tmp_path)
     for reverse in (False, True):
         rule = SplitSettings(by="quantity", quantity="abs(theta)", statistic="max", reverse=reverse)
-        data = measured(settings(path, split=rule), NAMES)
+        data = measure(settings(path, split=rule), NAMES)
         found, _, thresholds = sets_of(data)
         size = {name: np.abs(one.y[..., 0]).max(1).mean() for name, one in found.items()}
         order = ("test", "validation", "train") if reverse else ("train", "validation", "test")
@@ -61,7 +61,7 @@ def test_files_by_name(tmp_path):
 
     def divided(rule):
         given = settings(f"{tmp_path}/*.csv", trajectory=None, columns={"theta": "angle"}, split=rule)
-        return sets_of(measured(given, NAMES))
+        return sets_of(measure(given, NAMES))
 
     found, _, _ = divided(rule)
     assert {name: {i.rpartition("/")[0] for i in one.id} for name, one in found.items()} == {
@@ -80,7 +80,7 @@ def test_files_by_name(tmp_path):
 def test_time_trains_on_the_beginning_unless_reversed(tmp_path):
     path = trials(tmp_path, count=1)
     for reverse, first in ((False, 0), (True, 2)):
-        labels, _ = divide(measured(settings(path, split=SplitSettings(by="time", reverse=reverse)), NAMES))
+        labels, _ = divide(measure(settings(path, split=SplitSettings(by="time", reverse=reverse)), NAMES))
         assert labels[0][0] == first and labels[0][-1] == 2 - first
         assert (labels[0] == 0).sum() == 120
 
@@ -91,18 +91,18 @@ def test_of_two_trajectories_one_trains_and_the_halves_of_the_other_validate_and
     trains = []
     for seed in range(4):
         split = whole.model_copy(update={"seed": seed})
-        labels, _ = divide(measured(settings(path, length=8, evaluation_stride=4, split=split), NAMES))
+        labels, _ = divide(measure(settings(path, length=8, evaluation_stride=4, split=split), NAMES))
         trains.append(int((labels[0] == 0).all()))
         other = labels[trains[-1]]
         assert (labels[1 - trains[-1]] == 0).all()
         assert (other[:12] == 1).all() and (other[12:] == 2).all()
     assert set(trains) == {0, 1}
     with pytest.raises(InputError, match="there are 1 pieces"):
-        divide(measured(settings(trials(tmp_path, count=1), split=whole), NAMES))
+        divide(measure(settings(trials(tmp_path, count=1), split=whole), NAMES))
 
 
 def test_random_depends_on_the_seed_alone(tmp_path):
-    data = [measured(settings(trials(tmp_path), split=SplitSettings(by="random", seed=s)), NAMES) for s in (1, 1, 2)]
+    data = [measure(settings(trials(tmp_path), split=SplitSettings(by="random", seed=s)), NAMES) for s in (1, 1, 2)]
     one, same, other = (np.concatenate(divide(d)[0]) for d in data)
     assert np.array_equal(one, same) and not np.array_equal(one, other)
 
@@ -114,11 +114,11 @@ def test_labels_known_in_part_and_from_the_start(tmp_path):
     lines = [f"{lines[0]},frequency", *(f"{line},{known[int(float(line.split(',')[0]))]}" for line in lines[1:])]
     path.write_text("\n".join(lines))
     given = settings(path, z_e={"omega0": "frequency"}, split=SplitSettings(by="time"))
-    found = sets_of(measured(given, NAMES))[0]["train"]
+    found = sets_of(measure(given, NAMES))[0]["train"]
     of = {k: found.z_e[[i.startswith(f"swings/{k}/") for i in found.id], 0] for k in range(3)}
     assert (of[0] == 2.0).all() and np.isnan(of[1]).all() and (of[2] == 2.5).all()
     given = settings(path, z_e={"omega0": Label(start="omega")}, split=SplitSettings(by="time"))
-    found = sets_of(measured(given, NAMES))[0]["train"]
+    found = sets_of(measure(given, NAMES))[0]["train"]
     assert np.array_equal(found.z_e[:, 0], found.y[:, 0, 1])
     path.write_text("\n".join([*lines[:5], lines[5].replace(",2.0", ",2.1"), *lines[6:]]))
     with pytest.raises(InputError, match=r"omega0 is 2 in row 2 and 2.1 in row 6; a parameter is constant"):

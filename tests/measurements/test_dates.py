@@ -27,7 +27,7 @@ def table(path, header, times):
 def read(path, **given):
     time = Column(name="t", unit="datetime")
     settings = MeasurementSettings(paths=str(path), columns={"theta": "theta"}, time=time, **given)
-    return measured(settings, NAMES).grid.series[0].rows.t
+    return measure(settings, NAMES).grid.series[0].rows.t
 
 
 @pytest.mark.parametrize("form", ["%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%Y-%m-%d", "%d-%m-%y"])
@@ -95,7 +95,7 @@ def test_date_and_time_in_two_columns_are_joined(tmp_path, capsys, form):
     assert main(["inspect-data", str(path), "--system", "pendulum", "--output", str(tmp_path / "x.png")]) == 0
     files = yaml.safe_load(capsys.readouterr().out)["experiments"]["measured"]["data"]["files"]
     assert files["date"] == "Date" and files["time"] == {"name": "Time", "unit": "datetime"}
-    data = measured(MeasurementSettings.from_mapping(files), NAMES)
+    data = measure(MeasurementSettings.from_mapping(files), NAMES)
     np.testing.assert_allclose(data.grid.series[0].rows.t, 600.0 * np.arange(120))
 
 

@@ -8,7 +8,7 @@ from swings import GIVEN, NAMES, STEP, settings, trials
 
 import expertaug as ea
 from expertaug.errors import InputError
-from expertaug.measurements.cut import measured
+from expertaug.measurements.cut import measure
 from expertaug.measurements.horizons import long_set
 from expertaug.measurements.settings import SplitSettings
 
@@ -39,6 +39,6 @@ def test_in_python_they_are_further_sets_of_the_same_points(tmp_path):
     ],
 )
 def test_what_does_not_fit_is_refused(tmp_path, change, message):
-    data = measured(settings(trials(tmp_path), split=SplitSettings(**SPLIT), **change), NAMES)
+    data = measure(settings(trials(tmp_path), split=SplitSettings(**SPLIT), **change), NAMES)
     with pytest.raises(InputError, match=message):
         long_set(data, f"test_{'900ms' if change['horizons_s'] == [0.9] else '4s'}")

@@ -8,7 +8,7 @@ import yaml
 from swings import NAMES
 
 from expertaug.cli import main
-from expertaug.measurements.cut import measured, sets_of
+from expertaug.measurements.cut import measure, sets_of
 from expertaug.measurements.inspect import Inspection
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings
@@ -26,7 +26,7 @@ def test_commas_in_numbers_are_seen_and_proposed(tmp_path, capsys, header):
     assert "step: 0.02 s (50 Hz)" in told and "-40 to 40" in told
     files = yaml.safe_load(told)["experiments"]["measured"]["data"]["files"]
     assert files["decimal"] == ","
-    data = measured(MeasurementSettings.from_mapping(files), Names(dict.fromkeys(files["columns"], ""), {}))
+    data = measure(MeasurementSettings.from_mapping(files), Names(dict.fromkeys(files["columns"], ""), {}))
     assert np.nanmax(data.grid.series[0].y) == 40
 
 
@@ -126,5 +126,5 @@ def test_few_or_short_trajectories_are_split_between_them_with_a_caution(
     files = yaml.safe_load(out)["experiments"]["measured"]["data"]["files"]
     assert files["split"] == ({"by": "random", "pieces": "trajectories"} if whole else {"by": "time"})
     assert files["length"] == length
-    sets, _, _ = sets_of(measured(MeasurementSettings.from_mapping(files), NAMES))
+    sets, _, _ = sets_of(measure(MeasurementSettings.from_mapping(files), NAMES))
     assert all(len(trajectories) for trajectories in sets.values())

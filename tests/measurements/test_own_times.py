@@ -10,7 +10,7 @@ from swings import NAMES, settings, swing, table
 
 import expertaug as ea
 from expertaug.errors import InputError
-from expertaug.measurements.cut import all_chunks, candidates, divide, measured, trajectories_of
+from expertaug.measurements.cut import all_chunks, candidates, divide, measure, trajectories_of
 
 FINE = 0.005
 NOISE = 0.002
@@ -37,7 +37,7 @@ def own(path: Path, **given: object):
 
 def test_every_row_is_at_its_time(rows):
     path, every = rows
-    data = measured(own(path), NAMES)
+    data = measure(own(path), NAMES)
     assert 0 < data.grid.moved <= FINE / 2
     chosen = candidates(data, divide(data)[0])["train"]
     found = trajectories_of(data, chosen)
@@ -56,7 +56,7 @@ def test_every_row_is_at_its_time(rows):
 
 
 def test_no_chunk_spans_the_pause_and_noise_is_found(rows):
-    data = measured(own(rows[0]), NAMES)
+    data = measure(own(rows[0]), NAMES)
     found = trajectories_of(data, candidates(data, divide(data)[0])["train"])
     longest = max(np.diff(np.flatnonzero(mask[:, 0])).max() for mask in found.mask)
     assert longest <= 6.5 * 10 + 1
@@ -82,7 +82,7 @@ def test_a_solver_at_their_own_times_finds_the_frequency(rows):
 )
 def test_a_grid_that_is_too_coarse(rows, step_s, told):
     with pytest.raises(InputError, match=told):
-        measured(own(rows[0], step_s=step_s, length=41), NAMES)
+        measure(own(rows[0], step_s=step_s, length=41), NAMES)
 
 
 def test_rows_that_no_chunk_can_hold_are_told(rows, caplog):
@@ -98,9 +98,9 @@ def test_rows_that_no_chunk_can_hold_are_told(rows, caplog):
     ea.read_measurements(path, ea.DampedPendulum(), **given, length=801)
     (said,) = caplog.messages
     assert "rows lie in stretches shorter than the 801 points" in said and "longest_gap" in said
-    data = measured(own(longer, length=101), NAMES)
+    data = measure(own(longer, length=101), NAMES)
     assert not data.told_short(), "one row in a hundred and sixty is not worth a word"
-    data = measured(own(longer, length=401, longest_gap=20), NAMES)
+    data = measure(own(longer, length=401, longest_gap=20), NAMES)
     assert not data.told_short()
 
 
@@ -108,8 +108,8 @@ def test_where_no_chunk_has_enough_the_most_complete_ones_share_is_said(rows, tm
     every = {**rows[1], "speed": np.where(np.arange(len(rows[1]["speed"])) % 2, rows[1]["speed"], np.nan)}
     path = table(tmp_path / "half.csv", every)
     with pytest.raises(InputError, match=r"the most complete chunk has [\d.]+: give that or less") as refused:
-        all_chunks(measured(own(path, min_seen=1.0), NAMES))
+        all_chunks(measure(own(path, min_seen=1.0), NAMES))
     share = float(str(refused.value).partition("complete chunk has ")[2].partition(":")[0])
-    assert len(all_chunks(measured(own(path, min_seen=share), NAMES)).y)
+    assert len(all_chunks(measure(own(path, min_seen=share), NAMES)).y)
     with pytest.raises(InputError, match="min_seen"):
-        all_chunks(measured(own(path, min_seen=share + 0.02), NAMES))
+        all_chunks(measure(own(path, min_seen=share + 0.02), NAMES))

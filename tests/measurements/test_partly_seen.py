@@ -13,7 +13,7 @@ from expertaug.evaluation.metrics import parameter_errors
 from expertaug.inference.settings import RefinementSettings
 from expertaug.inference.window_problem import assumed_noise
 from expertaug.learning.residuals import mean_squared_error, squared_errors, squares
-from expertaug.measurements.cut import measured, sets_of
+from expertaug.measurements.cut import measure, sets_of
 from expertaug.measurements.settings import SplitSettings
 from expertaug.models.gaps import Gaps, ranges_of
 from expertaug.models.observation_noise import noise_of, of_observed
@@ -119,7 +119,7 @@ def angle_alone(tmp_path):
     lines = path.read_text().splitlines()
     path.write_text("\n".join(line for k, line in enumerate(lines) if k == 0 or k % 13))
     given = settings(path, columns={"theta": "angle"}, length=40, split=SplitSettings(by="time"))
-    return sets_of(measured(given, NAMES))[0]
+    return sets_of(measure(given, NAMES))[0]
 
 
 def test_least_squares_finds_parameter_and_speed_from_the_angle_alone(angle_alone):

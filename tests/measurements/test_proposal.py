@@ -80,6 +80,8 @@ def test_names_that_the_workflow_takes_otherwise_are_refused(name, said, tmp_pat
         assert stop.value.code == 2 and "write ./-x.csv" in capsys.readouterr().err
     assert main(["inspect-data", f"./{name}", "--system", "pendulum"]) == 0
     (tmp_path / "mine.yaml").write_text(capsys.readouterr().out)
-    given = config.completed(config.load([ROOT / "config" / "config.yaml", tmp_path / "mine.yaml"]), STAGES)
+    given = config.complete_configuration(
+        config.load([ROOT / "config" / "config.yaml", tmp_path / "mine.yaml"]), STAGES
+    )
     with pytest.raises(InputError, match=rf"{said}.*; rename it"):
         sources.list_measurements(given)

@@ -26,7 +26,7 @@ def test_a_quantised_sensor_has_the_noise_of_its_steps_and_chunks_span_its_swing
     assert data["noise"]["theta"] == pytest.approx(step / 12**0.5, rel=0.01) and data["noise"]["omega"] > 0.005
     assert data["files"]["step_s"] == pytest.approx(1 / 40)
     assert data["files"]["length"] * data["files"]["step_s"] > 0.5
-    assert measured(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.step == 50
+    assert measure(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.step == 50
 
 
 def test_noise_that_is_larger_than_a_steps_is_estimated(inspected):
@@ -42,7 +42,7 @@ def test_wrapped_angles_are_proposed_as_such(inspected, unit, turn, low):
     told, data = inspected(csv(wrapped, rate, header=f"t,theta ({unit}),omega ({unit}/s)"))
     assert data["files"]["angles"] == ["theta"] and "unwrapped" in told
     assert (
-        np.abs(np.diff(measured(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.series[0].y[:, 0])).max()
+        np.abs(np.diff(measure(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.series[0].y[:, 0])).max()
         < 0.2
     )
     assert "angles" not in inspected(csv())[1]["files"]
@@ -81,7 +81,7 @@ def test_rows_off_the_grid_are_said_everywhere(inspected, tmp_path):
     assert "% of the rows lie off the grid of" in told and data["files"]["uneven"] == "own"
     given = data["files"] | {"uneven": "mask", "step_s": None, "length": 50, "stride": 5, "evaluation_stride": 50}
     with pytest.raises(InputError, match=r"% of the rows lie off the grid of .* set uneven to own"):
-        all_chunks(measured(MeasurementSettings.from_mapping(given), NAMES))
+        all_chunks(measure(MeasurementSettings.from_mapping(given), NAMES))
 
 
 def test_times_in_few_digits_keep_them(inspected):
@@ -95,7 +95,7 @@ def test_sensors_of_two_rates(inspected):
     told, data = inspected(text)
     assert "theta in 100 %, omega in 25 % of the rows" in told and data["files"]["min_seen"] == 0.6
     with pytest.raises(InputError, match="omega in 25 % of the rows: set min_seen"):
-        all_chunks(measured(MeasurementSettings.from_mapping(data["files"] | {"min_seen": 0.7}), NAMES))
+        all_chunks(measure(MeasurementSettings.from_mapping(data["files"] | {"min_seen": 0.7}), NAMES))
 
 
 @pytest.mark.parametrize(("number", "by"), [(1, "time"), (2, "time"), (4, "random"), (12, "random")])

@@ -11,7 +11,7 @@ from swings import NAMES, STEP, settings, swing, table
 
 from expertaug.cli import main
 from expertaug.errors import InputError
-from expertaug.measurements.cut import measured
+from expertaug.measurements.cut import measure
 from expertaug.measurements.settings import Column
 from expertaug.measurements.units import conversion, parse, parse_header
 from nightly import others_slow
@@ -117,7 +117,7 @@ def test_inspected_and_read_alike(tmp_path, capsys, angle, speed):
     files = yaml.safe_load(out)["experiments"]["measured"]["data"]["files"]
     files |= {"length": 20, "min_chunks": 1}
     assert "no unit is given" not in out
-    found = measured(settings(path, **{"trajectory": None} | files), NAMES).grid.series[0].y
+    found = measure(settings(path, **{"trajectory": None} | files), NAMES).grid.series[0].y
     assert np.allclose(found, y, atol=1e-6)
 
 
@@ -181,11 +181,11 @@ def test_a_reader_without_a_unit_does_not_take_another_for_its_own(tmp_path, hea
     path = lab(tmp_path, *headers)
     given = {"trajectory": None, "time": headers[0], "columns": dict(zip(("theta", "omega"), headers[1:], strict=True))}
     with pytest.raises(InputError, match=message):
-        measured(settings(path, **given), NAMES)
+        measure(settings(path, **given), NAMES)
     # a factor of one's own is a word too
     given["time"] = Column(name=headers[0], factor=0.5)
     given["columns"] = {name: Column(name=column, factor=0.5) for name, column in given["columns"].items()}
-    measured(settings(path, **given), NAMES)
+    measure(settings(path, **given), NAMES)
 
 
 @pytest.mark.parametrize(

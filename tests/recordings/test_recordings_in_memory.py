@@ -18,7 +18,7 @@ from expertaug_recordings.ibm import convert_markers, parse_markers
 from expertaug_recordings.markers.appearance import ROLES
 from expertaug_recordings.rendering.render import render_recording
 from expertaug_recordings.reports.exports import export_recording
-from expertaug_recordings.reports.overlay import Painter, measured_of, overlay, schedule
+from expertaug_recordings.reports.overlay import Painter, overlay, read_measured, schedule
 from expertaug_recordings.reports.review import (
     ReviewedRecording,
     corrections_of,
@@ -86,12 +86,12 @@ def test_markers_of_a_table_of_text():
 
 def test_an_overlay(clip):
     frames, points, table, of_clip = clip
-    seen = measured_of(points, table, of_clip)
+    seen = read_measured(points, table, of_clip)
     shown = schedule(seen, [], OverlayJob(start_s=0.1, speed=1.0, fps=120))
     images = list(overlay(Painter(seen, [], SIZE), shown, enumerate(frames)))
     assert len(images) == len(shown.rows) == (COUNT - 24) / 2 and images[0].shape[2] == 3
     with pytest.raises(InputError, match="they are not of one measurement"):
-        measured_of(points[:-1], table, of_clip)
+        read_measured(points[:-1], table, of_clip)
 
 
 def test_the_worst_frames_and_their_page(clip):

@@ -85,7 +85,7 @@ def test_the_default_run_asks_for_what_the_published_one_took():
     told = json.loads((ROOT / "results/published/default/provenance.json").read_text(encoding="utf-8"))
     took = costs.read(ROOT / "results/published/default/costs.csv")
     seconds = sum(cost.alone_s for job, cost in took.items() if job.partition("/")[0] in demand.STAGES)
-    asked = load.completed(load.load(load.with_defaults([ROOT / "config/config.yaml"])))
+    asked = load.complete_configuration(load.load(load.with_defaults([ROOT / "config/config.yaml"])))
     rows = demand.of_config(asked, ROOT / "results/published")
     assert sum(row.hours for row in rows) == pytest.approx(seconds / 3600)
     assert max(row.memory_mb for row in rows) == told["peak_memory_mb"]

@@ -21,7 +21,7 @@ def test_costs_are_read_from_published_runs_and_logs(tmp_path):
     write_cost(tmp_path, "train/a", seconds=61.25, cpu_seconds=60.0, peak_memory_mb=300)
     for k, text in enumerate(('{"seconds": 1', "[1]", '{"seconds": "many"}', '{"seconds": null}', '{"minutes": 1}')):
         (tmp_path / "logs" / "train" / f"broken_{k}.cost.json").write_text(text)
-    assert costs.published(tmp_path) == {"long": {"train/a": 600.5, "during_training/b": 9.0}}, "named as today"
+    assert costs.read_published(tmp_path) == {"long": {"train/a": 600.5, "during_training/b": 9.0}}, "named as today"
     assert costs.of_run(tmp_path / "logs") == {"train/a": costs.Cost(61.25, 60.0, 300)}
     assert costs.as_csv(costs.of_run(tmp_path / "logs")).splitlines()[1] == "train/a,61.2,60.0,300"
 

@@ -15,7 +15,7 @@ from expertaug.config import load as config
 from expertaug.errors import InputError
 from expertaug.runs import publish as publishing
 from expertaug.stages.files import Files
-from expertaug.stages.planned import kept as kept_files
+from expertaug.stages.planned import list_kept as kept_files
 from expertaug.stages.planned import products_of, products_of_all
 
 ROOT = Path(__file__).parents[2]
@@ -209,7 +209,7 @@ def test_a_failure_while_replacing_brings_the_old_back(run, monkeypatch):
 
 def test_pictures_are_kept_small_and_look_the_same(run):
     figure = run / "out" / "figures" / "pendulum_log_mse.png"
-    with plotting.styled():
+    with plotting.use_style():
         drawn = plotting.new_figure(3)
         axes = drawn.subplots()
         for k in range(12):

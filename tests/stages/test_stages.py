@@ -17,13 +17,13 @@ from pydantic import BaseModel
 from expertaug import commands
 from expertaug.cli import BAD_INPUT, main
 from expertaug.config import load as config
-from expertaug.config.load import completed
+from expertaug.config.load import complete_configuration
 from expertaug.config.models import Configuration
 from expertaug.evaluation.products import STUDIES
 from expertaug.evaluation.studies import KINDS
 from expertaug.settings import Settings
 from expertaug.stages import STAGES
-from expertaug.stages.planned import planned
+from expertaug.stages.planned import plan
 from expertaug.stages.stage import to_json
 
 ROOT = Path(__file__).parents[2]
@@ -70,14 +70,14 @@ def configured(file: str) -> Configuration:
         for name in [name for name, data in own.items() if "files" in data]:  # others inherit them
             block = found["experiments"][name]["data"]["files"]
             block["paths"], block["horizons_s"] = [table(len(block.get("names", "....")))], [12.0]
-    return completed(found, STAGES)
+    return complete_configuration(found, STAGES)
 
 
 def jobs_with_settings(configuration: Configuration) -> Iterator[tuple[str, tuple]]:
     """A job of each stage that has settings, experiment and version: the groups of seeds are alike."""
     at_request = [("overlay", (None,)), ("draw_worst_frames", (None,)), ("unpack_markers", ())]
     first: dict[tuple[str, str], tuple[str, tuple]] = {}
-    for stage, names in (*planned(configuration), *at_request):
+    for stage, names in (*plan(configuration), *at_request):
         first.setdefault((stage, str(names[:2])), (stage, names))
     yield from (job for job in first.values() if STAGES[job[0]].slice)
 

@@ -115,13 +115,13 @@ def test_a_lock_that_another_holds_is_told_and_waited_for_to_a_limit(tmp_path, m
     with (tmp_path / "mlflow.db.lock").open("a") as other:
         fcntl.flock(other, fcntl.LOCK_EX)
         found = r"mlflow\.db\.lock: another process has held"
-        with pytest.raises(InputError, match=found), store.locked(f"sqlite:///{database}"):
+        with pytest.raises(InputError, match=found), store.lock_store(f"sqlite:///{database}"):
             pass
         (tmp_path / "log.jsonl").write_text(Header.begin(RUN, "x", None, {}).model_dump_json() + "\n")
         with pytest.raises(InputError, match="another process has held this lock"):
             rebuild(tmp_path, f"sqlite:///{database}", "trial")
     assert any("waiting for it" in message for message in caplog.messages)
-    with store.locked(f"sqlite:///{database}"):
+    with store.lock_store(f"sqlite:///{database}"):
         pass
 
 
@@ -129,7 +129,7 @@ def test_the_lock_of_a_server_is_in_a_folder_of_the_users_own(tmp_path, monkeypa
     cache, shared = tmp_path / "cache", tmp_path / "tmp"
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
     monkeypatch.setattr(store.tempfile, "gettempdir", lambda: str(shared))
-    with store.locked("http://server"):
+    with store.lock_store("http://server"):
         assert len(list((cache / "expertaug").glob("*.lock"))) == 1
     assert (cache / "expertaug").stat().st_mode & 0o777 == 0o700
     (cache / "expertaug").chmod(0o777)

@@ -11,8 +11,6 @@ rule evaluate_seed_group:
         forecasts=results("{experiment}/{variant}/{seed_group}/forecasts.npz"),
     log:
         results("logs/evaluate/{experiment}_{variant}_{seed_group}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=4000,
         gpu=GPUS,
@@ -35,8 +33,6 @@ rule log_evaluations_of_experiment:
         results("{experiment}/evaluations.json"),
     log:
         results("logs/log_evaluations/{experiment}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=2000,
     params:
@@ -56,8 +52,6 @@ rule tabulate_experiment:
         table("{experiment}", "table", "{experiment}", "Tables", experiment="{experiment}"),
     log:
         results("logs/tabulate/{experiment}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1000,
     params:
@@ -78,8 +72,6 @@ rule plot_experiment:
         [figure_of_experiment(name, title) for name, title in FIGURES.items()],
     log:
         results("logs/plot/{experiment}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=2000,
     params:
@@ -108,8 +100,6 @@ rule compare_experiment:
         results("logs/compare/{experiment}.log"),
     wildcard_constraints:
         experiment=one_of(COMPARED),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1000,
     params:
@@ -148,8 +138,6 @@ if OVERVIEWS:
             [overview_figure(name, title) for name, title in OVERVIEWS.items()],
         log:
             results("logs/plot_overview.log"),
-        conda:
-            "../envs/expertaug.yaml"
         resources:
             mem_mb=1000,
         params:

@@ -6,8 +6,6 @@ rule init_tracking:
         results("mlflow/tracking.json"),
     log:
         results("logs/init_tracking.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1000,
     params:
@@ -30,8 +28,6 @@ rule train_seed_group:
         snapshots=touch(results("{experiment}/{method}/{seed_group}/snapshots.safetensors")),
     log:
         results("logs/train/{experiment}_{method}_{seed_group}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=4000,
         gpu=GPUS,
@@ -59,8 +55,6 @@ rule during_training_seed_group:
         results("{experiment}/{method}/{seed_group}/during_training.csv"),
     log:
         results("logs/during_training/{experiment}_{method}_{seed_group}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=4000,
         gpu=GPUS,
@@ -84,8 +78,6 @@ rule own_prior_of_experiment:
         results("{experiment}/data/prior.json"),
     log:
         results("logs/own_prior/{experiment}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=4000,
     params:
@@ -109,8 +101,6 @@ rule own_prior_seed_group:
         results("logs/own_prior/{experiment}_{variant}_{seed_group}.log"),
     wildcard_constraints:
         variant=one_of([v for e in RUN for v in FILES.found_priors(e)]),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=4000,
         gpu=GPUS,
@@ -135,8 +125,6 @@ rule augment_seed_group:
         results("logs/augment/{experiment}_{variant}_{seed_group}.log"),
     wildcard_constraints:
         variant=one_of([v for e in RUN for v in FILES.augmented(e)]),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=4000,
         gpu=GPUS,
@@ -164,8 +152,6 @@ rule finetune_seed_group:
         results("logs/finetune/{experiment}_{variant}_{seed_group}.log"),
     wildcard_constraints:
         variant=one_of([v for e in RUN for v in FILES.finetuned(e)]),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=4000,
         gpu=GPUS,
@@ -195,8 +181,6 @@ rule flow_seed_group:
         results("logs/flow/{experiment}_{variant}_{seed_group}.log"),
     wildcard_constraints:
         variant=one_of([v for e in RUN for v in FILES.flows(e)]),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=4000,
         gpu=GPUS,

@@ -7,8 +7,6 @@ rule render_video_of_recording:
         truth=results("recordings/{recording}/truth.csv"),
     log:
         results("logs/render_video/{recording}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1000,
     params:
@@ -28,8 +26,6 @@ rule extract_frames_of_recording:
         temp(results("recordings/{recording}/frames.b2frame")),
     log:
         results("logs/extract_frames/{recording}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1000,
         on_bad_recording=ON_BAD_RECORDING,
@@ -55,8 +51,6 @@ if SOURCE != "markers":
             results("recordings/{recording}/markers.csv"),
         log:
             results("logs/track_markers/{recording}.log"),
-        conda:
-            "../envs/expertaug.yaml"
         resources:
             mem_mb=1000,
             on_bad_recording=ON_BAD_RECORDING,
@@ -85,8 +79,6 @@ else:
                 folder=directory(results("recordings/archive")),
             log:
                 results("logs/unpack_markers.log"),
-            conda:
-                "../envs/expertaug.yaml"
             resources:
                 mem_mb=1000,
             params:
@@ -104,8 +96,6 @@ else:
             results("recordings/{recording}/markers.csv"),
         log:
             results("logs/import_markers/{recording}.log"),
-        conda:
-            "../envs/expertaug.yaml"
         resources:
             mem_mb=1000,
             on_bad_recording=ON_BAD_RECORDING,
@@ -129,8 +119,6 @@ rule measure_angles_of_recording:
         summary=results("recordings/{recording}/angles.json"),
     log:
         results("logs/measure_angles/{recording}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1500,
         on_bad_recording=ON_BAD_RECORDING,
@@ -152,8 +140,6 @@ rule summarise_recordings:
         markdown=shown(results("recordings/summary.md"), "recordings", "table of recordings", "Recordings"),
     log:
         results("logs/summarise_recordings.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1000,
     params:
@@ -174,8 +160,6 @@ rule plot_page_of_recording:
         shown(results("recordings/{recording}/page.png"), "recording", "recording {recording}", "Recordings"),
     log:
         results("logs/plot_recording/{recording}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1000,
     params:
@@ -197,8 +181,6 @@ rule overlay_video:
         results("recordings/{recording}/overlay.mp4"),
     log:
         results("logs/overlay/{recording}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1500,
     params:
@@ -225,8 +207,6 @@ rule review_frames_of_recording:
         rows=results("recordings/{recording}/review.csv"),
     log:
         results("logs/draw_worst_frames/{recording}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1000,
     params:
@@ -248,8 +228,6 @@ rule review_all_recordings:
         results("recordings/review.html"),
     log:
         results("logs/review.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1000,
     params:
@@ -268,8 +246,6 @@ rule export_recording:
         expand(results("recordings/{{recording}}/export/{name}"), name=["units.csv", "tracker.csv", "deeplabcut.csv"]),
     log:
         results("logs/export_recording/{recording}.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1000,
     params:

@@ -10,8 +10,6 @@ rule write_report:
         results("report.html"),
     log:
         results("logs/report.log"),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=1000,
     params:

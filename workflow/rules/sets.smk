@@ -8,8 +8,6 @@ rule simulate_set:
         results("logs/simulate/{experiment}_{set}.log"),
     wildcard_constraints:
         experiment=one_of(SIMULATED),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=2000,
     params:
@@ -31,8 +29,6 @@ rule split_chunks_of_experiment:
         results("logs/split_chunks/{experiment}.log"),
     wildcard_constraints:
         experiment=one_of(RECORDED),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=3000,
     params:
@@ -55,8 +51,6 @@ rule plot_splits_of_experiment:
         results("logs/plot_splits/{experiment}.log"),
     wildcard_constraints:
         experiment=one_of(RECORDED),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=2000,
     params:
@@ -80,8 +74,6 @@ rule cut_measurements_of_experiment:
         results("logs/cut_measurements/{experiment}.log"),
     wildcard_constraints:
         experiment=one_of(MEASURED),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=3000,
     params:
@@ -105,8 +97,6 @@ rule cut_horizon_of_experiment:
     wildcard_constraints:
         experiment=one_of([*RECORDED, *MEASURED]),
         set=one_of({name for e in [*RECORDED, *MEASURED] for name in CONFIG.experiments[e].data.horizons}),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=3000,
     params:
@@ -127,8 +117,6 @@ rule calibrate_experiment:
         results("logs/calibrate/{experiment}.log"),
     wildcard_constraints:
         experiment=one_of(RECORDED + list(MEASURED)),
-    conda:
-        "../envs/expertaug.yaml"
     resources:
         mem_mb=2000,
     params:

@@ -14,8 +14,6 @@ for study in [name for name in STUDIES if not STUDIES[name].runs_models]:
             results(f"logs/{study_log(study)}.log"),
         wildcard_constraints:
             experiment=with_study(study),
-        conda:
-            "../envs/expertaug.yaml"
         resources:
             mem_mb=STUDIES[study].memory_mb,
         params:
@@ -41,8 +39,6 @@ for study in [name for name in STUDIES if STUDIES[name].runs_models]:
             results(f"logs/{study_log(study)}.log"),
         wildcard_constraints:
             experiment=with_study(study),
-        conda:
-            "../envs/expertaug.yaml"
         resources:
             mem_mb=STUDIES[study].memory_mb,
             gpu=GPUS,

@@ -137,7 +137,7 @@ def check_constant(system: System, u: Tensor, name: str) -> None:
             )
 
 
-def grouped(value: Tensor, seeds: int) -> Tensor:
+def stack_seeds(value: Tensor, seeds: int) -> Tensor:
     """What all seeds share, (N, T, …) → (T, S, N, …)."""
     each = value.movedim(1, 0).unsqueeze(1)
     return each.expand(-1, seeds, *each.shape[2:])

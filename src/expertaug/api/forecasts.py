@@ -113,12 +113,12 @@ class Forecast:
         columns = {} if self.y_std is not None else {"seed": np.array(self.seeds)[index[0]]}
         columns |= {"sample": index[1], "t [s]": self.t[index[2]]}
         for k, name in enumerate(names):
-            columns[labelled(name, self.units[name])] = y[..., k].ravel()
+            columns[label_column(name, self.units[name])] = y[..., k].ravel()
             if self.y_std is not None:
-                columns[labelled(f"{name} std", self.units[name])] = self.y_std[..., k].ravel()
-        of_window = {labelled(f"z_e {name}", self.units[f"z_e {name}"]): value for name, value in self.z_e.items()}
+                columns[label_column(f"{name} std", self.units[name])] = self.y_std[..., k].ravel()
+        of_window = {label_column(f"z_e {name}", self.units[f"z_e {name}"]): value for name, value in self.z_e.items()}
         of_window |= {
-            labelled(f"z_e {name} std", self.units[f"z_e {name}"]): value for name, value in self.z_e_std.items()
+            label_column(f"z_e {name} std", self.units[f"z_e {name}"]): value for name, value in self.z_e_std.items()
         }
         further = ("chi2", "p_chi2", "misfit", "outside", "trusted")
         of_window |= {name: value for name in further if (value := getattr(self, name)) is not None}
@@ -134,6 +134,6 @@ def _numpy(value: Array) -> np.ndarray:
     return np.asarray(value.cpu() if isinstance(value, Tensor) else value)
 
 
-def labelled(name: str, unit: str) -> str:
+def label_column(name: str, unit: str) -> str:
     """Heading of a column."""
     return f"{name} [{unit}]" if unit else name

@@ -352,7 +352,7 @@ def _windows(y: Tensor, u: object, system: System, t: np.ndarray, name: str) -> 
     return Windows(torch.from_numpy(t).float(), y.movedim(1, 0), inputs).with_seeds()
 
 
-def given_or_grown_ranges(model: TrainedModel, train: Trajectories, prior: Ranges | None, noise: GivenNoise) -> dict:
+def check_or_grow_ranges(model: TrainedModel, train: Trajectories, prior: Ranges | None, noise: GivenNoise) -> dict:
     """The ranges that a user gave, checked; without any those that widen the training's as far as the model goes."""
     if prior is not None:
         return arguments.ranges(prior, [p.name for p in model.system.expert_parameters], "prior")

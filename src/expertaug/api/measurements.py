@@ -7,7 +7,7 @@ from os import PathLike, fspath
 from typing import TypeAlias
 
 from expertaug import systems
-from expertaug.measurements.cut import Measured, all_chunks, measured, sets_of
+from expertaug.measurements.cut import Measured, all_chunks, measure, sets_of
 from expertaug.measurements.horizons import long_set
 from expertaug.measurements.settings import MeasurementSettings
 from expertaug.systems import System
@@ -73,7 +73,7 @@ def _read(
     stride = min(length, 5)
     defaults = {"stride": stride, "evaluation_stride": length, **settings}
     defaults |= {"paths": [fspath(path) for path in several], "columns": dict(columns), "length": length}
-    data = measured(MeasurementSettings.from_mapping(defaults), systems.names(system))
+    data = measure(MeasurementSettings.from_mapping(defaults), systems.names(system))
     data.warn_of_slopes()
     data.warn_of_short()
     return data

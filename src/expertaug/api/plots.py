@@ -44,10 +44,10 @@ def forecasts(
     if not chosen or (len(chosen) < len(samples) and tuple(samples) != (0, 1, 2)):
         raise InputError("samples", f"found {list(samples)}", f"the set has {len(data)}")
     shown = data.subset(np.array(chosen))
-    forecasts_by_label = {label: _forecasts(model, shown) for label, model in _labelled(models).items()}
+    forecasts_by_label = {label: _forecasts(model, shown) for label, model in _label(models).items()}
     reading = FigureReading(labels=[(label, label) for label in forecasts_by_label], set_titles={SET: "given"})
     view = traces.View(set=SET, samples=range(len(chosen)), seed=seed)
-    with plotting.styled():
+    with plotting.use_style():
         return traces.forecasts(
             forecasts_by_label, reading, view, {label: f"model {label}" for label in forecasts_by_label}
         )
@@ -68,7 +68,7 @@ def parameters(
     """
     named = {"test": sets} if isinstance(sets, Trajectories) else dict(sets)
     forecasts_by_label = {}
-    for label, model in _labelled(models).items():
+    for label, model in _label(models).items():
         estimates = {
             name: model.estimate(part.seen[:, : model.observed], part.t, u=part.u) for name, part in named.items()
         }
@@ -91,7 +91,7 @@ def parameters(
     ranges = ParameterReading.of(
         labels=[(label, label) for label in forecasts_by_label], priors=dict.fromkeys(forecasts_by_label, prior or {})
     )
-    with plotting.styled():
+    with plotting.use_style():
         return parameter_figures.parameters(forecasts_by_label, ranges)
 
 
@@ -110,7 +110,7 @@ def course(model: TrainedModel, metrics: Sequence[str] = ("loss", "validation_sc
         raise InputError(
             "metrics", f"no {missing[0]}", f"known: {', '.join(logged) or 'none, the model is from a file'}"
         )
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(2.4)
         axes = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axis, name in zip(axes, metrics, strict=True):
@@ -121,7 +121,7 @@ def course(model: TrainedModel, metrics: Sequence[str] = ("loss", "validation_sc
     return figure
 
 
-def _labelled(models: Models) -> dict[str, TrainedModel]:
+def _label(models: Models) -> dict[str, TrainedModel]:
     return {models.label: models} if isinstance(models, TrainedModel) else dict(models)
 
 

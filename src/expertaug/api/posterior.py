@@ -11,7 +11,7 @@ import torch
 
 from expertaug.api import arguments
 from expertaug.api.arguments import Array, Noise, Ranges
-from expertaug.api.inference import given_or_grown_ranges
+from expertaug.api.inference import check_or_grow_ranges
 from expertaug.api.trained import TrainedModel
 from expertaug.api.training import course
 from expertaug.errors import InputError
@@ -113,7 +113,7 @@ def fit_posterior(
         choices=card.choices,
         seeds=model.seeds,
         flow=FlowSettings.from_mapping(options),
-        prior=given_or_grown_ranges(model, train, prior, arguments.noise(noise)),
+        prior=check_or_grow_ranges(model, train, prior, arguments.noise(noise)),
         noise=arguments.noise(noise),
     )
     history = History()

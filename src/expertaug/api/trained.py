@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TypeVar, Unpack
 
 import numpy as np
 import pandas as pd
@@ -26,7 +26,7 @@ from expertaug.inference.diagnostics.alarm import FALSE_ALARMS, attainable, thre
 from expertaug.inference.diagnostics.goodness import find_unexplained, is_too_small
 from expertaug.inference.expected_error import expected_errors, record_misfits
 from expertaug.inference.flow import load as load_any
-from expertaug.inference.least_squares import LeastSquares, refined_by, with_overdispersion
+from expertaug.inference.least_squares import LeastSquares, refine_by, with_overdispersion
 from expertaug.inference.shared import fit_shared, fit_shared_of_seeds
 from expertaug.learning.residuals import window_residual
 from expertaug.models import store
@@ -43,6 +43,8 @@ from expertaug.systems import System
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows
+
+T = TypeVar("T")
 
 STARTS = ("y0", "y_t1")
 FEWEST = 19  # validation windows of which one in twenty can be told
@@ -114,7 +116,7 @@ class TrainedModel:
         if self.refinement is None:
             return self.stored.model  # type: ignore[return-value]
         with arguments.one_thread():
-            return refined_by(self.stored, self.refinement)
+            return refine_by(self.stored, self.refinement)
 
     @property
     def seeds(self) -> list[int]:
@@ -474,7 +476,7 @@ class TrainedModel:
         if names is not None and len(names) != len(y):
             raise InputError("of", f"{len(names)} names for {len(y)} windows", "give the trajectory of each")
         inputs = arguments.inputs(u, self.system, len(y), t)
-        y, inputs = (None if x is None else arguments.grouped(x.to(self._device), len(self)) for x in (y, inputs))
+        y, inputs = (None if x is None else arguments.stack_seeds(x.to(self._device), len(self)) for x in (y, inputs))
         windows = Windows(torch.from_numpy(t).float().to(self._device), y, inputs, names)  # type: ignore[arg-type]
         return windows if inputs is None else windows.contiguous(), t  # rounding depends on how they lie
 
@@ -556,5 +558,5 @@ def _warn_of_most(which: Tensor | None, text: str) -> None:
         logger.warning(text, count, which.shape[1])
 
 
-def _without(each: Mapping[str, Any] | None, names: Collection[str]) -> dict[str, Any]:
+def _without(each: Mapping[str, T] | None, names: Collection[str]) -> dict[str, T]:
     return {name: value for name, value in (each or {}).items() if name not in names}

@@ -12,7 +12,7 @@ import pandas as pd
 
 from expertaug.api import arguments
 from expertaug.api.arguments import Noise, Ranges, check_sets, seeds_of
-from expertaug.api.inference import given_or_grown_ranges
+from expertaug.api.inference import check_or_grow_ranges
 from expertaug.api.trained import TrainedModel
 from expertaug.errors import InputError
 from expertaug.learning import augment as augmenting
@@ -203,7 +203,7 @@ def augment(
         SolveError: samples are not finite for any z_e drawn.
     """
     check_trained(model, train, validation)
-    ranges = given_or_grown_ranges(model, train, prior, arguments.noise(noise))
+    ranges = check_or_grow_ranges(model, train, prior, arguments.noise(noise))
     rows = _choices(model, preset, choices)[1]
     with arguments.one_thread():
         drawn = augmenting.augment(
@@ -262,7 +262,7 @@ def finetune(
         training=TrainSettings.from_mapping(options),
         choices=chosen,
         seeds=model.seeds,
-        **({"prior": given_or_grown_ranges(model, train, prior, arguments.noise(noise))} if control else {}),
+        **({"prior": check_or_grow_ranges(model, train, prior, arguments.noise(noise))} if control else {}),
     )
     drawn = None if augmented is None else augmented.drawn
     history = History()

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from expertaug import systems
 from expertaug.api.arguments import Array, same_times
-from expertaug.api.forecasts import Forecast, labelled
+from expertaug.api.forecasts import Forecast, label_column
 from expertaug.api.trained import TrainedModel, load
 from expertaug.errors import InputError
 from expertaug.files import atomic
@@ -92,7 +92,7 @@ def forecast_file(
         if u is None:
             t = np.concatenate((t, _later(trained, t_end)))
         else:
-            t, u = _given(window, trained, t, u, t_end)
+            t, u = _read_inputs(window, trained, t, u, t_end)
         forecast = trained.forecast(y, t, u=u)
         table = (forecast.median() if seed == MEDIAN else forecast).table()
         table["sample"] = np.array(names, dtype=object)[table["sample"]]
@@ -124,21 +124,23 @@ def _of_trajectories(
     if windows.u is None:
         t, u = np.concatenate((windows.t, _later(model, t_end))), None
     else:
-        t, u = _given(path, model, windows.t, windows.u, t_end)
+        t, u = _read_inputs(path, model, windows.t, windows.u, t_end)
     forecast = model.forecast(windows.y, t, u=u)
     table = (forecast.median() if median else forecast).table()
     for name in (p.name for p in model.system.state) if len(forecast.seeds) > 1 and not median else ():
-        heading = labelled(name, forecast.units[name])
+        heading = label_column(name, forecast.units[name])
         over_seeds = table.groupby(["sample", "t [s]"])[heading].transform("std")
-        table.insert(list(table.columns).index(heading) + 1, labelled(f"{name} std", forecast.units[name]), over_seeds)
-    for line in _told(forecast, windows, model.observed):
+        table.insert(
+            list(table.columns).index(heading) + 1, label_column(f"{name} std", forecast.units[name]), over_seeds
+        )
+    for line in _describe(forecast, windows, model.observed):
         logger.info("%s", line)
     table["t [s]"] += windows.start_s[table["sample"]]
     table["sample"] = np.array(windows.names, dtype=object)[table["sample"]]
     return table
 
 
-def _told(forecast: Forecast, windows: Windows, observed: int) -> Iterator[str]:
+def _describe(forecast: Forecast, windows: Windows, observed: int) -> Iterator[str]:
     """For each trajectory: from when to when, its estimates, and whether to trust it."""
     seeds, several = len(forecast.seeds), len(forecast.seeds) > 1
 
@@ -215,7 +217,7 @@ def read_windows(path: Path, model: TrainedModel) -> tuple[list, np.ndarray, np.
     return names, times[0], y[:, : model.observed], u if known_inputs else None
 
 
-def _given(
+def _read_inputs(
     path: Path, model: TrainedModel, t: np.ndarray, u: np.ndarray, t_end: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The times up to ``t_end`` at which a file gives the known inputs, and these.
@@ -238,7 +240,7 @@ def _check_column(
     path: Path, table: pd.DataFrame, columns: dict[str, str], parameter: Parameter, needed: np.ndarray
 ) -> None:
     """A column must be there, in the system's unit, with a finite number in each of the rows that are needed."""
-    wanted = labelled(parameter.name, parameter.unit)
+    wanted = label_column(parameter.name, parameter.unit)
     if parameter.name not in columns:
         raise InputError(path, f"no column {parameter.name}", f"it has {', '.join(table.columns)}; give {wanted}")
     heading = columns[parameter.name]

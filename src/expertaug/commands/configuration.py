@@ -44,7 +44,7 @@ def _validate(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
 
     files = config.with_defaults(a.config)
-    config.completed(config.load(files), STAGES)
+    config.complete_configuration(config.load(files), STAGES)
     below = ", ".join(str(file) for file in files if file not in a.config)
     logger.info("%s%s: valid", ", ".join(map(str, a.config)), f" over {below}" if below else "")
 
@@ -53,7 +53,7 @@ def _check_system(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
     from expertaug.runs.own_classes import check_classes
 
-    for line in check_classes(config.completed(config.load(config.with_defaults(a.config)), STAGES)):
+    for line in check_classes(config.complete_configuration(config.load(config.with_defaults(a.config)), STAGES)):
         print(line)
 
 
@@ -69,6 +69,8 @@ def _demand(a: argparse.Namespace) -> None:
     from expertaug.config import load as config
     from expertaug.runs import demand
 
-    asked = demand.of_config(config.completed(config.load(config.with_defaults(a.config)), STAGES), a.published)
+    asked = demand.of_config(
+        config.complete_configuration(config.load(config.with_defaults(a.config)), STAGES), a.published
+    )
     for line in demand.table(asked):
         print(line)

@@ -42,7 +42,7 @@ def _publish(a: argparse.Namespace) -> None:
     from expertaug.errors import InputError
     from expertaug.runs.publish import publish
     from expertaug.stages.files import Files
-    from expertaug.stages.planned import kept, products_of, products_of_all
+    from expertaug.stages.planned import list_kept, products_of, products_of_all
 
     configuration = config.validate(config.load(config.with_defaults(a.config)))
     files = Files(configuration)
@@ -51,5 +51,5 @@ def _publish(a: argparse.Namespace) -> None:
     if missing:
         others = f" (and {len(missing) - 1} others)" if len(missing) > 1 else ""
         raise InputError(missing[0], f"no such file{others}", "run the workflow to its end first")
-    publish(configuration, a.to, a.command, kept)
+    publish(configuration, a.to, a.command, list_kept)
     logger.info("%s: published", a.to)

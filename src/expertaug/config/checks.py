@@ -119,7 +119,7 @@ def check_experiment(where: str, experiment: Experiment, config: Common) -> Iter
         for error in _overridden(here, experiment, experiment.overrides[method], system, methods[method]):
             if str(error).replace(here, where, 1) not in inherited:
                 yield error
-    yield from _augmented(where, experiment, methods)
+    yield from _check_augmented(where, experiment, methods)
     yield from _versions(where, experiment, methods)
     yield from _fits(where, experiment, methods, system)
     if system is not None and system.events:
@@ -204,7 +204,7 @@ def _overridden(
             yield from options.check_options(method.objective_kind, own, f"{where}.{block}.objective")
 
 
-def _augmented(where: str, experiment: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
+def _check_augmented(where: str, experiment: Experiment, methods: dict[str, Method]) -> Iterator[InputError]:
     yield from unknown(experiment.augmented, experiment.methods, f"{where}.augmented", "method of this experiment")
     for k, method in enumerate(experiment.augmented):
         if not _estimator(methods, method).has_objective:
@@ -266,10 +266,10 @@ def _fits(
             yield InputError(f"{where}.methods[{k}]", problem, "only simulated data have one: leave it out")
     state = None if system is None else system.state
     yield from unknown_keys(experiment.data.start, state, f"{where}.data.start", "component of the state")
-    yield from _shared(where, experiment, methods, system)
+    yield from _check_shared(where, experiment, methods, system)
 
 
-def _shared(
+def _check_shared(
     where: str, experiment: Experiment, methods: dict[str, Method], system: options.KnownSystem | None
 ) -> Iterator[InputError]:
     """What windows share: parameters and components that there are, no first values, and something at least where a

@@ -40,12 +40,12 @@ def variants(config: Configuration, experiment: str) -> list[str]:
     """An experiment's methods, each followed by its control, its augmented version, its flow and their refined ones."""
     settings = config.experiments[experiment]
     each = []
-    for name in trained_variants(settings):
+    for name in list_trained_variants(settings):
         each += [name, f"{name}~{REFINED}"] if name in settings.refined else [name]
     return each
 
 
-def trained_variants(experiment: Experiment) -> list[str]:
+def list_trained_variants(experiment: Experiment) -> list[str]:
     """Versions of an experiment's methods that have a model file of their own."""
     each = []
     for method in experiment.methods:
@@ -83,7 +83,7 @@ def finds_prior_to_train(config: Configuration, experiment: str, method: str) ->
     return needed and config.experiment_of(experiment, method).augmentation.prior is None
 
 
-def found_priors(config: Configuration, experiment: str) -> list[str]:
+def list_found_priors(config: Configuration, experiment: str) -> list[str]:
     """Augmented versions whose p⁺ is found from a trained model; an empty one stands for that of the experiment."""
     versions = [*variants(config, experiment), *further_variants(config, experiment)]
     kinds = {v: config.methods[Version.parse(v).method].estimator for v in versions}
@@ -120,7 +120,7 @@ def with_interaction(config: Configuration, experiment: str) -> list[str]:
     return methods
 
 
-def checked(config: Configuration, experiment: str) -> list[str]:
+def list_checked(config: Configuration, experiment: str) -> list[str]:
     """Methods of which an experiment checks whether F_a holds where z_e has moved."""
     if config.experiments[experiment].validity is None:
         return []
@@ -128,7 +128,7 @@ def checked(config: Configuration, experiment: str) -> list[str]:
     return [m for m in with_interaction(config, experiment) if not config.methods[m].estimator.shares]
 
 
-def explained(config: Configuration, experiment: str) -> list[str]:
+def list_explained(config: Configuration, experiment: str) -> list[str]:
     """Methods of an experiment of which it asks what their expert lacks: a fit of the expert alone, by which windows
     themselves say it, and those that learn an interaction model."""
     settings = config.experiments[experiment]
@@ -152,7 +152,7 @@ def studies(config: Configuration, experiment: str) -> list[str]:
     return named + (["horizons"] if config.experiments[experiment].data.horizons else [])
 
 
-def studied(config: Configuration, experiment: str, name: str) -> list[str]:
+def list_studied(config: Configuration, experiment: str, name: str) -> list[str]:
     """The variants that a study compares."""
     settings = config.experiments[experiment]
     if name == "prior_width":

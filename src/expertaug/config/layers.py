@@ -24,14 +24,14 @@ def merge(base: Raw, over: Raw) -> Located:
 
     A mapping that names another ``kind`` is replaced too: the arguments of one class are none of another's.
     """
-    merged = _copied(base)
+    merged = _copy(base)
     origins = getattr(over, "origin", {})
     for key, value in over.items():
         old = merged.get(key)
         if isinstance(old, Mapping) and isinstance(value, Mapping) and _of_one_kind(old, value):
             merged[key] = merge(old, value)
         else:
-            merged[key] = _copied(value)
+            merged[key] = _copy(value)
         if value is None and old is not None:
             merged.removed |= {key}
         merged.origin.pop(key, None)
@@ -65,16 +65,16 @@ def _over(old: Any, new: Any) -> Any:
 def of_command_line(values: Raw) -> Located:
     """What ``--config`` says; of its ``key=value`` Snakemake takes true, false and null for texts, and within braces
     and brackets numbers as well."""
-    read = {k: _word(v) if isinstance(v, str) else _spoken(v) for k, v in values.items()}
-    return Located(_copied(read), dict.fromkeys(read, "--config"))
+    read = {k: _word(v) if isinstance(v, str) else _parse_inline(v) for k, v in values.items()}
+    return Located(_copy(read), dict.fromkeys(read, "--config"))
 
 
-def _spoken(value: Any) -> Any:
+def _parse_inline(value: Any) -> Any:
     """A value of braces or brackets, whose numbers are texts."""
     if isinstance(value, Mapping):
-        return {k: _spoken(v) for k, v in value.items()}
+        return {k: _parse_inline(v) for k, v in value.items()}
     if isinstance(value, list):
-        return [_spoken(v) for v in value]
+        return [_parse_inline(v) for v in value]
     if not isinstance(value, str) or not NUMBER.fullmatch(value):
         return _word(value) if isinstance(value, str) else value
     return float(value) if set(value) & set(".eE") else int(value)
@@ -84,21 +84,21 @@ def _word(text: str) -> str | bool | None:
     return {"true": True, "false": False, "null": None}.get(text, text)
 
 
-def _copied(value: Any) -> Any:
+def _copy(value: Any) -> Any:
     if isinstance(value, Mapping):
-        copy = Located({k: _copied(v) for k, v in value.items()}, getattr(value, "origin", {}))
+        copy = Located({k: _copy(v) for k, v in value.items()}, getattr(value, "origin", {}))
         copy.removed = getattr(value, "removed", copy.removed)
         return copy
-    return [_copied(v) for v in value] if isinstance(value, list | tuple) else value
+    return [_copy(v) for v in value] if isinstance(value, list | tuple) else value
 
 
-def marked(value: Any, by: str) -> Any:
+def mark(value: Any, by: str) -> Any:
     """The same with ``by`` added to where each value was said."""
     if not isinstance(value, Mapping):
         return value
-    copy = _copied(value)
+    copy = _copy(value)
     copy.origin = {k: f"{where}, {by}" for k, where in copy.origin.items()}
-    copy.update({k: marked(v, by) for k, v in value.items()})
+    copy.update({k: mark(v, by) for k, v in value.items()})
     return copy
 
 
@@ -122,10 +122,10 @@ def plain(value: Any) -> Any:
     return value if isinstance(value, str | int | float | bool | None) else str(value)
 
 
-def layers(
-    experiments: Mapping[str, Located], preset: str, broken: Iterable[str] = ()
+def inherit(
+    experiments: Mapping[str, Located], broken: Iterable[str] = ()
 ) -> tuple[dict[str, Located], list[InputError]]:
-    """Experiments with the keys of what they are based on and with what they override under a preset.
+    """Experiments with the keys of what they are based on.
 
     Arguments:
         experiments: by name, as files say them.
@@ -138,8 +138,7 @@ def layers(
     made: dict[str, Located | None] = dict.fromkeys(broken)
     for name in experiments:
         _inherit(name, experiments, made, errors)
-    experiments = {name: block for name, block in made.items() if block is not None}
-    return {name: _under(preset, block, f"experiments.{name}", errors) for name, block in experiments.items()}, errors
+    return {name: block for name, block in made.items() if block is not None}, errors
 
 
 def _inherit(
@@ -166,23 +165,23 @@ def _inherit(
     for here in reversed(chain):
         if here in made:
             continue
-        own = _copied(experiments[here])
+        own = _copy(experiments[here])
         base = own.pop("based_on", None)
         if base is None:
             made[here] = own
         else:
             below = made[base]
-            made[here] = None if below is None else merge(marked(below, f"{here} is based on {base}"), own)
+            made[here] = None if below is None else merge(mark(below, f"{here} is based on {base}"), own)
 
 
-def _under(preset: str, experiment: Located, where: str, errors: list[InputError]) -> Located:
+def under(preset: str, experiment: Located, where: str, errors: list[InputError]) -> Located:
     """An experiment with what it overrides under a preset, and without the studies, priors and sets that it takes away
     and what it inherits of data from another source; what takes nothing away is among the errors.
 
     The preset's ``choices`` are defaults: the experiment's own win over them.
     """
-    experiment = _copied(experiment)
-    over = marked((experiment.pop("presets", None) or {}).get(preset) or {}, f"under the preset {preset}")
+    experiment = _copy(experiment)
+    over = mark((experiment.pop("presets", None) or {}).get(preset) or {}, f"under the preset {preset}")
     merged = merge(experiment, over)
     choices = merge(over.get("choices") or {}, experiment.get("choices") or {})
     if choices:

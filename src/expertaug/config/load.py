@@ -6,23 +6,24 @@ Its keys are those of :mod:`expertaug.config.models`; what no single key says is
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from expertaug import presets
 from expertaug.config import checks, grid
-from expertaug.config.layers import layers, merge, plain
+from expertaug.config.layers import inherit, merge, plain, under
 from expertaug.config.models import Common, Configuration, Experiment
 from expertaug.config.sources import wrong_recordings
 from expertaug.config.yaml_file import Located, read
 from expertaug.errors import InputError, InputErrors
+from expertaug.presets import Preset
 from expertaug.settings import Raw, check
 from expertaug.source_files import project
 from expertaug.wording import show, unknown
 
-__all__ = ["completed", "default_files", "load", "merge", "validate", "with_defaults"]
+__all__ = ["complete_configuration", "default_files", "load", "merge", "validate", "with_defaults"]
 INCLUDE = "include"
 NESTED = 9  # levels of files that include files
 
@@ -68,7 +69,7 @@ def default_files() -> list[Path]:
     return next(([path] for f in folders if f and (path := f / "config" / "config.yaml").is_file()), [])
 
 
-def completed(config: Located, stages: checks.Stages = MappingProxyType({})) -> Configuration:
+def complete_configuration(config: Located, stages: checks.Stages = MappingProxyType({})) -> Configuration:
     """A configuration as the workflow uses it: checked and completed, with a method for each point of its grids.
 
     Arguments:
@@ -104,8 +105,9 @@ def validate(config: Located | dict[str, Any], stages: checks.Stages = MappingPr
     names = {path[1] for path in broken if path[0] == "experiments" and len(path) > 1}
     experiments = raw["experiments"]
     sound = {name: block for name, block in config["experiments"].items() if name not in names}
-    layered, wrong = layers(sound, common.preset, names)
+    blocks, wrong = inherit(sound, names)
     errors += wrong
+    layered = {name: under(common.preset, block, f"experiments.{name}", errors) for name, block in blocks.items()}
     errors += unknown(common.run, experiments, "run", "experiment")
     for name in experiments:
         errors += checks.check_name(name, experiments, stages)
@@ -115,6 +117,10 @@ def validate(config: Located | dict[str, Any], stages: checks.Stages = MappingPr
         experiment, wrong_in[name] = _experiment(f"experiments.{name}", plain(block), common)
         if experiment is not None:
             complete[name] = experiment
+    for preset in presets.NAMES:
+        if preset != common.preset:
+            for name, wrong in _of_another_preset(preset, {name: blocks[name] for name in complete}, common):
+                wrong_in[name] += wrong
     errors += checks.check_data_curves(complete, common.run)
     errors += _of_the_run(common.run, wrong_in, {name: block.get("based_on") for name, block in sound.items()})
     whole = Configuration.model_construct(**dict(common), experiments=complete)
@@ -181,6 +187,36 @@ def _experiment(where: str, block: Raw, common: Common) -> tuple[Experiment | No
     experiment = experiment.model_copy(update={"data": data, "choices": choices})
     errors = list(checks.check_experiment(where, experiment, common))
     return (None if errors else experiment), errors
+
+
+def _of_another_preset(
+    preset: Preset, blocks: Mapping[str, Located], common: Common
+) -> Iterator[tuple[str, list[InputError]]]:
+    """Names of experiments, with what is wrong with keys that they override under a preset which is not the chosen one.
+
+    Arguments:
+        blocks: the experiments, with the keys of what they are based on.
+    """
+    other = common.model_copy(update={"preset": preset})
+    for name, block in blocks.items():
+        if over := (block.get("presets") or {}).get(preset):
+            where, wrong = f"experiments.{name}", []
+            experiment = under(preset, block, where, wrong)
+            wrong += _experiment(where, plain(experiment), other)[1]
+            own = {f"{where}.{path}" for path in _paths(over)}
+            within = f"{where}.presets.{preset}"
+            yield (
+                name,
+                [InputError(e.where.replace(where, within, 1), e.found, e.remedy) for e in wrong if e.where in own],
+            )
+
+
+def _paths(block: Located, before: str = "") -> Iterator[str]:
+    """Dotted paths of what a block holds, its blocks' included."""
+    for name, value in block.items():
+        yield f"{before}{name}"
+        if isinstance(value, Located):
+            yield from _paths(value, f"{before}{name}.")
 
 
 def _of_the_run(

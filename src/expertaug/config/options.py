@@ -83,7 +83,7 @@ def describe_system(settings: Arguments, where: str) -> tuple[KnownSystem | None
         signatures.names_of(own, a) for a in ("state", "expert_parameters", "interaction_parameters")
     )
     inputs = [
-        None if signatures.made_by_constructor(own, a) else signatures.names_of(own, a)
+        None if signatures.is_set_by_constructor(own, a) else signatures.names_of(own, a)
         for a in ("inputs", "covariates", "input_parameters")
     ]
     known_inputs, drawn = (

@@ -46,7 +46,7 @@ def schema() -> dict[str, Any]:
         "type": "array",
         "items": {"type": "string"},
     }
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _tidied(made)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _tidy(made)
 
 
 def _add(definitions: dict[str, Any], kind: type[BaseModel]) -> None:
@@ -72,17 +72,17 @@ def _refer(properties: dict[str, Any], key: str, definition: str) -> None:
     properties[key] = {"$ref": f"#/$defs/{definition}", "description": properties[key].get("description", "")}
 
 
-def _tidied(value: Any, inside: str = "") -> Any:
+def _tidy(value: Any, inside: str = "") -> Any:
     """Without titles and defaults of what is left out, and without requirements but those of conditions."""
     if isinstance(value, list):
-        return [_tidied(item) for item in value]
+        return [_tidy(item) for item in value]
     if not isinstance(value, dict):
         return value
     if inside in ("properties", "$defs"):
-        return {k: _tidied(v, "") for k, v in value.items()}
+        return {k: _tidy(v, "") for k, v in value.items()}
     dropped = {"title", "left_out", *({"default"} if value.get("left_out") else ())}
     dropped |= set() if inside == "if" else {"required"}
-    return {k: _tidied(v, k) for k, v in value.items() if k not in dropped}
+    return {k: _tidy(v, k) for k, v in value.items() if k not in dropped}
 
 
 def main() -> None:

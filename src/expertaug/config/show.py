@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from expertaug.config import jobs, recording_settings, stage_settings
-from expertaug.config.layers import layers, origin_of
+from expertaug.config.layers import inherit, origin_of, under
 from expertaug.config.load import validate
 from expertaug.config.models import Configuration
 from expertaug.config.yaml_file import Located
@@ -106,7 +106,8 @@ class _Origins:
 
     def __init__(self, config: Located, preset: str, experiment: str, method: str) -> None:
         self.config, self.preset, self.method = config, preset, method
-        self.experiment = layers(config["experiments"], self.preset)[0][experiment]
+        block = inherit(config["experiments"])[0][experiment]
+        self.experiment = under(self.preset, block, f"experiments.{experiment}", [])
         self.over = self.experiment.get("overrides", {}).get(method, {})
 
     def of(self, path: tuple[str, ...], elsewhere: dict[str, tuple[str, ...]]) -> str:

@@ -8,7 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from expertaug.config.jobs import estimating, found_priors, label, place_on, seed_groups, starts, studied, variants
+from expertaug.config.jobs import (
+    estimating,
+    label,
+    list_found_priors,
+    list_studied,
+    place_on,
+    seed_groups,
+    starts,
+    variants,
+)
 from expertaug.config.models import Augmentation, Configuration, Experiment, OutOfExpertise
 from expertaug.hues import FLOOR, OWN, assign_hues
 from expertaug.systems.settings import SYSTEMS
@@ -24,8 +33,8 @@ def study(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
     settings = config.experiments[experiment]
     job = {
         "study": name,
-        "labels": _labels(config, studied(config, experiment, name)),
-        "hues": hues(config, studied(config, experiment, name)),
+        "labels": _labels(config, list_studied(config, experiment, name)),
+        "hues": hues(config, list_studied(config, experiment, name)),
         "sets": {k: simulated.dump() for k, simulated in settings.data.simulated.items()},
         "classical": _classical(config, experiment),
         "units": SYSTEMS[system].UNITS if (system := settings.system["name"]) in SYSTEMS else {},
@@ -33,7 +42,7 @@ def study(config: Configuration, experiment: str, name: str) -> dict[str, Any]:
     }
     if name == "prior_width":
         further = {k: prior_of(v) for k, v in settings.further_priors.items()}
-        methods = dict.fromkeys(base(variant) for variant in studied(config, experiment, name))
+        methods = dict.fromkeys(base(variant) for variant in list_studied(config, experiment, name))
         own = {m: prior_of(config.experiment_of(experiment, m).augmentation) for m in methods}
         return job | {"priors": {m: {"": own[m]} | further for m in methods}}
     if name == "horizons":
@@ -93,7 +102,7 @@ def data_curves(config: Configuration, experiment: str) -> dict[str, Any]:
 
 def own_priors(config: Configuration, experiment: str) -> dict[str, Any]:
     """What the table of found ranges says: of which version and group of seeds each is."""
-    versions = found_priors(config, experiment)
+    versions = list_found_priors(config, experiment)
     priors = [["before training", "all"]] if "" in versions else []
     groups = [group.removeprefix("seeds_").replace("_", ", ") for group in seed_groups(config, experiment)]
     priors += [[label(config, variant), group] for variant in versions if variant for group in groups]
@@ -151,7 +160,7 @@ def _candidates(config: Configuration, named: Sequence[str]) -> list[str]:
     return sorted((v for v in named if not Version.parse(v).is_control), key=complexity)
 
 
-def _traced(config: Configuration, experiment: str) -> list[str]:
+def _choose_traced(config: Configuration, experiment: str) -> list[str]:
     """As many versions as can be told apart in a figure of lines: the classical estimator, the hybrids with and without
     augmentation, then refined ones, then what is left, as hybrids of another expert than the experiment's."""
     named, builds = variants(config, experiment), config.methods
@@ -194,7 +203,7 @@ def plot(config: Configuration, experiment: str) -> dict[str, Any]:
     return {
         "labels": _labels(config, variants(config, experiment)),
         "hues": hues(config, variants(config, experiment)),
-        "traced": _traced(config, experiment),
+        "traced": _choose_traced(config, experiment),
         "floor": _floor(config, experiment),
         "measured": settings.data.source != "simulation",
         **reading(config, experiment),
@@ -225,7 +234,7 @@ def windows(config: Configuration, experiment: str) -> dict[str, Any]:
         "floor": _floor(config, experiment),
         "mean": next((m for m in settings.methods if not config.methods[m].estimator.has_expert), None),
         "classical": _classical(config, experiment),
-        "traced": _traced(config, experiment),
+        "traced": _choose_traced(config, experiment),
         **reading(config, experiment),
     }
 

@@ -133,12 +133,12 @@ def _require(kind: type, names: tuple[str, ...], where: str) -> None:
     for base in kind.__mro__:
         if base.__module__.startswith("expertaug.") and base.__name__ in NEEDED:
             for name in (*NEEDED[base.__name__], *names):
-                if getattr(kind, name, None) is getattr(base, name, None) and not made_by_constructor(kind, name):
+                if getattr(kind, name, None) is getattr(base, name, None) and not is_set_by_constructor(kind, name):
                     remedy = f"a {base.__name__} needs it"
                     raise InputError(where, f"the class {kind.__name__} does not define {name}", remedy)
 
 
-def made_by_constructor(kind: type, name: str) -> bool:
+def is_set_by_constructor(kind: type, name: str) -> bool:
     """Whether a constructor of the class sets an attribute."""
     own = (inspect.unwrap(vars(base)["__init__"]) for base in kind.__mro__ if "__init__" in vars(base))
     return any(name in code.co_names for init in own if (code := getattr(init, "__code__", None)) is not None)

@@ -116,7 +116,7 @@ def _corrections(recordings: RecordingKeys) -> None:
     if recordings.corrections is None:
         return
     if recordings.source == "rendered":
-        names: list[str] | None = rendered_names(recordings)
+        names: list[str] | None = list_rendered(recordings)
     else:
         names = None if (files := _files(recordings)) is None else list(files)
     for name in read_corrections(recordings.corrections):
@@ -125,7 +125,7 @@ def _corrections(recordings: RecordingKeys) -> None:
                 raise error
 
 
-def rendered_names(recordings: RecordingKeys) -> list[str]:
+def list_rendered(recordings: RecordingKeys) -> list[str]:
     """Names of the recordings that are rendered."""
     return [f"rendered_{k:02d}" for k in range(recordings.rendered.count)]
 
@@ -153,7 +153,7 @@ def list_recordings(config: Configuration) -> dict[str, str | int] | None:
     if not config.on_recordings:
         return {}
     if config.recordings.source == "rendered":
-        return {name: k for k, name in enumerate(rendered_names(config.recordings))}
+        return {name: k for k, name in enumerate(list_rendered(config.recordings))}
     files = _files(config.recordings)
     return None if files is None else {name: str(path) for name, path in files.items()}
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from expertaug.config import options
-from expertaug.config.jobs import checked, dissipating, explained, foreign, label, seed_groups, snapshots
+from expertaug.config.jobs import dissipating, foreign, label, list_checked, list_explained, seed_groups, snapshots
 from expertaug.config.models import Augmentation, Configuration, Experiment
 from expertaug.config.shown_settings import READING, hues, prior_of, reading
 from expertaug.inference.settings import FlowJob
@@ -127,8 +127,8 @@ def evaluate(config: Configuration, experiment: str, variant: str, group: str) -
         **_identity(config, experiment, variant),
         "evaluation": config.experiments[experiment].evaluation.dump(exclude=SHOWING),
         **(_estimator(config, experiment, variant) if Version.parse(variant).is_refined else {}),
-        **_drawn(config, experiment, variant),
-        **_known(config, experiment, variant),
+        **_describe_draws(config, experiment, variant),
+        **_name_known(config, experiment, variant),
         "sets": config.experiments[experiment].data.set_names,
         "choices": _choices(config.experiments[experiment], OF_EVALUATION),
         "seeds": seed_groups(config, experiment)[group],
@@ -177,7 +177,7 @@ def dissipation(config: Configuration, experiment: str) -> dict[str, Any]:
 
 def validity(config: Configuration, experiment: str) -> dict[str, Any]:
     """Which trained methods are checked, and how the windows of each are fitted."""
-    settings, methods = config.experiments[experiment], checked(config, experiment)
+    settings, methods = config.experiments[experiment], list_checked(config, experiment)
     assert settings.validity is not None
     versions = []
     for method in methods:
@@ -197,7 +197,7 @@ def validity(config: Configuration, experiment: str) -> dict[str, Any]:
 
 def equation(config: Configuration, experiment: str) -> dict[str, Any]:
     """Of which methods it is asked what their expert lacks, and how the windows of each are fitted."""
-    settings, methods = config.experiments[experiment], explained(config, experiment)
+    settings, methods = config.experiments[experiment], list_explained(config, experiment)
     assert settings.equation is not None
     versions = []
     for method in methods:
@@ -240,7 +240,7 @@ def _fit(experiment: Experiment, shares: bool = False) -> dict[str, Any]:
     return experiment.refinement.dump(exclude=() if shares else ("units", "sensors", "population"))
 
 
-def _known(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
+def _name_known(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
     """Names of the parameters that an experiment's sets have, of a version whose expert has others."""
     settings, own = config.experiments[experiment], config.experiment_of(experiment, Version.parse(variant).method)
     if own.system == settings.system:
@@ -251,7 +251,7 @@ def _known(config: Configuration, experiment: str, variant: str) -> dict[str, An
     return {"known": {"z_e": list(theirs.expert), "z_a": list(theirs.interaction or ())}}
 
 
-def _drawn(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
+def _describe_draws(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:
     """The data's noise, and what a version's own windows are made with, where the experiment has p⁺ and windows do not
     share what it would draw."""
     version = Version.parse(variant)

@@ -48,7 +48,7 @@ class Learned:
 
 
 @torch.no_grad()
-def learned(
+def describe_learned(
     decoder: Decoder,
     estimates: Estimates,
     states: Tensor,

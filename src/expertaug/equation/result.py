@@ -153,7 +153,7 @@ def text_of(system: System, coefficients: Sequence[Coefficient]) -> str:
     lines = []
     for parameter in system.state:
         own = [c for c in coefficients if c.term.rate == parameter.name]
-        parts = [f"{_signed(c)} {c.term.text}" if c.term.text != "1" else _signed(c) for c in own]
+        parts = [f"{_sign(c)} {c.term.text}" if c.term.text != "1" else _sign(c) for c in own]
         if own:
             lines.append(f"d {parameter.name}/dt = expert {' '.join(parts)}")
     return "\n".join(lines) or "no term"
@@ -164,14 +164,14 @@ def latex_of(system: System, coefficients: Sequence[Coefficient]) -> str:
     lines = []
     for _k, parameter in enumerate(system.state):
         own = [c for c in coefficients if c.term.rate == parameter.name]
-        parts = [f"{_signed(c)} \\, {c.term.latex}".removesuffix(" \\, ") for c in own]
+        parts = [f"{_sign(c)} \\, {c.term.latex}".removesuffix(" \\, ") for c in own]
         if own:
             expert = rf"F_{{\mathrm{{e}},{latex_name(parameter.name)}}}"
             lines.append(rf"\dot{{{latex_name(parameter.name)}}} = {' '.join([expert, *parts])}")
     return r" \\ ".join(lines)
 
 
-def _signed(coefficient: Coefficient) -> str:
+def _sign(coefficient: Coefficient) -> str:
     number = round_to_error(abs(coefficient.value), coefficient.error)
     return f"{'-' if coefficient.value < 0 else '+'} {number}"
 
@@ -253,10 +253,10 @@ def _overrides(
             else:
                 lines += ["", f"    def {method}(self, {first}, z_e):"]
                 lines += [f"        return super().{method}({first}, {before})"]
-    return [*lines, "", *_added(system, coefficients, own, u)]
+    return [*lines, "", *_add(system, coefficients, own, u)]
 
 
-def _added(system: System, coefficients: Sequence[Coefficient], own: Sequence[Coefficient], u: str) -> list[str]:
+def _add(system: System, coefficients: Sequence[Coefficient], own: Sequence[Coefficient], u: str) -> list[str]:
     space = len(system.state_shape) - 1
     cells = "".join(", None" for _ in range(space))
     names = [p.name for p in system.state]

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from expertaug.equation.library import finite, library, rates_of
-from expertaug.equation.network import Learned, learned
+from expertaug.equation.network import Learned, describe_learned
 from expertaug.equation.result import Coefficient, Found, Row
 from expertaug.equation.selection import ROUNDS, Choice, Tried, backward, choose, exchange_terms, forward
 from expertaug.equation.shooting import Fit, Formula, Guess, Sample, Shooting
@@ -385,4 +385,6 @@ class Search:
         estimates = self.predictor.estimate(windows.until(self.observed))
         states = self.predictor.predicted(estimates, windows.observed(self.observed), self.stored.solver)
         shared = [k for k, p in enumerate(self.system.expert_parameters) if p.name in self.units]
-        return learned(self.decoder, estimates, states, windows.t, windows.u, terms, self._rates(), shared, self.own)
+        return describe_learned(
+            self.decoder, estimates, states, windows.t, windows.u, terms, self._rates(), shared, self.own
+        )

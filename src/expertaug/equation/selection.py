@@ -75,7 +75,7 @@ class Candidates:
         held = [k for k, shared in self.base if shared]
         new = [k for _, k in self.terms]
         chosen = [*own, *held, *new]
-        part = _scaled(self.equations.of(chosen), len(own))
+        part = _scale(self.equations.of(chosen), len(own))
         places = list(range(len(own), len(chosen)))
         curvature, slope, *_ = eliminate(part, places, 0.0)
         raw = part.curvature.diagonal(dim1=1, dim2=2)[:, places]
@@ -95,7 +95,7 @@ class Candidates:
         return shared_gains + [(float(of_each[k]), term, False) for k, (term, _) in enumerate(self.terms)]
 
 
-def _scaled(equations: NormalEquations, own: int) -> NormalEquations:
+def _scale(equations: NormalEquations, own: int) -> NormalEquations:
     """The same with coordinates in units of what tells them, the first ``own`` window by window: rounding then leaves
     little of two terms that say the same, and precise data tell others apart that are nearly alike."""
     each = equations.curvature.diagonal(dim1=1, dim2=2)
@@ -149,7 +149,7 @@ def further(shooting: Shooting, now: Fit, library: Sequence[Term], sample: Sampl
     base = [(k, k in shooting.places(now.formula)) for k in range(own + count)]
     base += [(k, False) for k in range(first, equations.slope.shape[1])]
     of_terms = tuple((term, own + count + k) for k, term in enumerate(left))
-    return _ranked(Candidates(equations, tuple(base), of_terms).gains(), now, shooting.own)[:BEAM]
+    return _rank(Candidates(equations, tuple(base), of_terms).gains(), now, shooting.own)[:BEAM]
 
 
 def exchange_terms(
@@ -191,7 +191,7 @@ def alike(
     return [(library[k], value) for _, k, value in sorted(matches)[:BEAM]]
 
 
-def _ranked(gains: Sequence[tuple[float, Term, bool]], now: Fit, own: bool) -> list[tuple[Term, bool]]:
+def _rank(gains: Sequence[tuple[float, Term, bool]], now: Fit, own: bool) -> list[tuple[Term, bool]]:
     """Terms and whether they are shared, the most promising first; none that promises nothing."""
     windows = len(now.equations.cost)
     each = sorted(
@@ -224,11 +224,11 @@ def by_regression(columns: Candidates, numbers: int, most: int, own: bool) -> li
             break
         formula = formula.plus(best[2], best[3])
         formulas.append(formula)
-        now = conditioned(columns, formula, places)
+        now = condition(columns, formula, places)
     return formulas
 
 
-def conditioned(columns: Candidates, formula: Formula, places: dict[Term, int]) -> Candidates:
+def condition(columns: Candidates, formula: Formula, places: dict[Term, int]) -> Candidates:
     """The same once a formula's terms are fitted in any case."""
     more = tuple((places[t], s) for t, s in zip(formula.terms, formula.shared, strict=True))
     equations = columns.equations
@@ -245,7 +245,7 @@ def conditioned(columns: Candidates, formula: Formula, places: dict[Term, int]) 
 
 def remainder(columns: Candidates, formula: Formula, places: dict[Term, int]) -> float:
     """Sum of squares that a formula leaves of a linear problem."""
-    return float(conditioned(columns, formula, places).equations.cost.sum())
+    return float(condition(columns, formula, places).equations.cost.sum())
 
 
 def solve_base(equations: NormalEquations, base: Sequence[tuple[int, bool]]) -> Tensor:

@@ -19,7 +19,7 @@ from expertaug.evaluation.summary import mean_of
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import VersionWindows, WindowSet, none_shown, windows_of
 from expertaug.inference.diagnostics.alarm import FAILING, Assessment, assess, attainable, ensemble_spread
-from expertaug.rows import frame, grouped
+from expertaug.rows import frame, group_by
 from expertaug.versions import LINES, REFINED
 
 KNOWN, IID = "validation", "iid"
@@ -92,7 +92,7 @@ def alarm(forecasts: Iterable[Forecasts], job: WindowStudyJob) -> Study:
         InputError: as of :func:`windows_of`, or no version that is shown has forecasts.
     """
     versions, labels = windows_of(forecasts), job.label_of
-    assessed = {v: _assessed(versions[v], versions.get(f"{v}~{REFINED}")) for v in labels if v in versions}
+    assessed = {v: _assess(versions[v], versions.get(f"{v}~{REFINED}")) for v in labels if v in versions}
     rows = [
         Alarm(
             *(v, labels[v], name, score, seed),
@@ -117,13 +117,13 @@ def alarm(forecasts: Iterable[Forecasts], job: WindowStudyJob) -> Study:
 
 def _draw(assessed: Mapping[str, Assessed], labels: Mapping[str, str], job: WindowStudyJob, title: str) -> Figure:
     """AUROC with its interval, and the share caught, of every version and score of the test set that can be judged."""
-    worth = {v: judged for v, sets in assessed.items() if v != job.floor and (judged := _judged(sets))}
+    worth = {v: judged for v, sets in assessed.items() if v != job.floor and (judged := _judge(sets))}
     shown = [v for v in worth if v in sorted(worth, key=lambda v: v not in job.traced)[:LINES]]
     if not shown:
         return plotting.note(UNJUDGED)
     looks = {score: look for score, look in LOOKS.items() if any(score in worth[v] for v in shown)}
     names = [f"{plotting.text(labels[v])}\n({worth[v][next(iter(worth[v]))].fails})" for v in shown]
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(1.4 + ROW * len(shown))
         left, right = figure.subplots(1, 2, sharey=True)
         for row, v in enumerate(shown):
@@ -161,7 +161,7 @@ class _Worth:
     fails: str
 
 
-def _judged(sets: Assessed) -> dict[str, _Worth]:
+def _judge(sets: Assessed) -> dict[str, _Worth]:
     """By score; without those that are constant, or where too few windows fail, or too few do not."""
     worth = {}
     for score in SCORES:
@@ -186,7 +186,7 @@ def _judged(sets: Assessed) -> dict[str, _Worth]:
     return worth
 
 
-def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[tuple[str, str, int], Assessment]:
+def _assess(version: VersionWindows, refined: VersionWindows | None) -> dict[tuple[str, str, int], Assessment]:
     """By set, score and seed; sets that are like the training's are no shifts, but the IID test set is with each."""
     sets = version.sets
     if refined is not None and refined.seeds == version.seeds:
@@ -197,7 +197,7 @@ def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[t
     for name, shifted in sets.items():
         if name in ("train", KNOWN):
             continue
-        pool = shifted if iid is None or name == IID else _pooled(shifted, iid)
+        pool = shifted if iid is None or name == IID else _pool(shifted, iid)
         for score in SCORES:
             for k, seed in enumerate(version.seeds):
                 here, there = (_score(score, windows, validation, k) for windows in (pool, validation))
@@ -207,7 +207,7 @@ def _assessed(version: VersionWindows, refined: VersionWindows | None) -> dict[t
     return assessed
 
 
-def _pooled(first: WindowSet, second: WindowSet) -> WindowSet:
+def _pool(first: WindowSet, second: WindowSet) -> WindowSet:
     hats = None
     if first.z_e_hat is not None and second.z_e_hat is not None:
         hats = np.concatenate((first.z_e_hat, second.z_e_hat), axis=1)
@@ -253,8 +253,8 @@ def _table(alarms: Sequence[Alarm], titles: Titles, title: str, caption: str) ->
     header = ["method", "set", "failing [%]", *(f"AUROC, {text}" for text in SCORES.values())]
     header += ["caught [%]", "false alarms [%]"]
     rows = []
-    for (label, name), part in grouped(alarms, lambda alarm: (alarm.label, alarm.set)).items():
-        of_score = grouped(part, lambda alarm: alarm.score)
+    for (label, name), part in group_by(alarms, lambda alarm: (alarm.label, alarm.set)).items():
+        of_score = group_by(part, lambda alarm: alarm.score)
         areas = [mean_of(alarm.auroc for alarm in of_score.get(score, ())) for score in SCORES]
         best = of_score.get("expected") or of_score["misfit"]
         of_best = mean_of(alarm.caught for alarm in best), mean_of(alarm.false_alarms for alarm in best)

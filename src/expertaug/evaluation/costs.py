@@ -50,7 +50,7 @@ def of_run(logs: Path) -> dict[str, Cost]:
     return costs
 
 
-def published(folder: Path) -> dict[str, dict[str, float]]:
+def read_published(folder: Path) -> dict[str, dict[str, float]]:
     """Seconds by job of every published run, each on a core of its own, by the run's name; stages are called as they
     are today."""
     files = sorted(Path(folder).glob("*/costs.csv"))

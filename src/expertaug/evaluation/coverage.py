@@ -108,9 +108,9 @@ def _draw(versions: Mapping[str, VersionWindows], job: WindowStudyJob, title: st
     colours = plotting.colours(shown, dict(job.hues))
     judged = list(dict.fromkeys(name for v in shown for name in versions[v].judged))
     kinds = {OWN_TITLE: [versions[v].own for v in shown]}
-    kinds |= {job.of_set(name): [_drawn(versions[v], name) for v in shown] for name in judged}
+    kinds |= {job.of_set(name): [_draws_of(versions[v], name) for v in shown] for name in judged}
     kinds = {name: each for name, each in kinds.items() if any(draws is not None for draws in each)}
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(3.2, min(plotting.WIDTH, 1.2 + 2.2 * len(kinds)))
         for axis, (name, each) in zip(figure.subplots(1, len(kinds), squeeze=False)[0], kinds.items(), strict=True):
             level = np.array([0.0, *LEVELS, 1.0])
@@ -121,7 +121,10 @@ def _draw(versions: Mapping[str, VersionWindows], job: WindowStudyJob, title: st
             for v, drawn in zip(shown, each, strict=True):
                 if drawn is not None:
                     axis.plot(
-                        100 * level, 100 * _covered(drawn), linewidth=1.3, **plotting.look(v, colours) | {"marker": ""}
+                        100 * level,
+                        100 * _count_covered(drawn),
+                        linewidth=1.3,
+                        **plotting.look(v, colours) | {"marker": ""},
                     )
             axis.set(title=name, xlabel="level of the intervals [%]", xlim=(0, 100), ylim=(0, 100))
         figure.axes[0].set_ylabel("windows within [%]")
@@ -136,11 +139,11 @@ def _draw(versions: Mapping[str, VersionWindows], job: WindowStudyJob, title: st
     return figure
 
 
-def _drawn(version: VersionWindows, name: str) -> Drawn | None:
+def _draws_of(version: VersionWindows, name: str) -> Drawn | None:
     return version.sets[name].drawn if name in version.sets else None
 
 
-def _covered(drawn: Drawn) -> np.ndarray:
+def _count_covered(drawn: Drawn) -> np.ndarray:
     """Share within the central interval of each of the levels, with 0 and 1 at the ends."""
     each = [_calibration(drawn, k) for k in range(len(drawn.ranks))]
     shares = np.mean([interval_coverage(c.marginal, c.draws, LEVELS).share.mean(1) for c in each], axis=0)
@@ -160,14 +163,14 @@ def _rows(version: str, label: str, of: VersionWindows) -> list[Covered]:
         of_seeds = [_calibration(drawn, k) for k in range(len(of.seeds))]
         rows += _of_parameters(whose, of.parameters, of_seeds)
         if name != OWN and (drawn.ranks != drawn.ranks[:1]).any():  # each seed's own windows are others
-            rows += _of_parameters(whose, of.parameters, [_pooled(drawn)], pooled=True)
+            rows += _of_parameters(whose, of.parameters, [_pool(drawn)], pooled=True)
         if drawn.inside is not None:
             shares = map(float, drawn.inside.mean((0, 1)))
             rows.append(Covered(*whose, FORECAST, False, *shares, np.nan, drawn.inside.shape[1]))
     return rows
 
 
-def _pooled(drawn: Drawn) -> Calibration:
+def _pool(drawn: Drawn) -> Calibration:
     """Of the draws of all seeds together: how many lie below the truth is the sum of how many do of each seed."""
     return Calibration(drawn.count * len(drawn.ranks), drawn.ranks.sum(0), drawn.tarp.sum(0))
 

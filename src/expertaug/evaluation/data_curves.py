@@ -17,7 +17,7 @@ from expertaug.evaluation.settings import DataCurvesJob
 from expertaug.evaluation.summary import TabledMean, cell_of, in_domain, read_long
 from expertaug.evaluation.table import Study, Table, plain
 from expertaug.hues import FLOOR
-from expertaug.rows import frame, grouped
+from expertaug.rows import frame, group_by
 from expertaug.versions import LINES, Version
 
 AXES = {"samples": "training trajectories", "noise": "standard deviation of the noise"}
@@ -75,7 +75,7 @@ def data_curves(long: Iterable[TabledMean], job: DataCurvesJob) -> Study:
     Raises:
         InputError: a point has none.
     """
-    means = grouped(long, lambda mean: mean.experiment)
+    means = group_by(long, lambda mean: mean.experiment)
     if missing := [name for _, points in job.axes for _, name in points if name not in means]:
         raise InputError(missing[0], "no table of this experiment", "give the long table of every point")
     sets = [in_domain(mean.set for own in means.values() for mean in own), "test"]
@@ -128,11 +128,11 @@ def _draw(points: Sequence[Point], sets: Sequence[str], metric: Metric, job: Dat
     shown = [v for v in named if v not in floor and not Version.parse(v).is_control][: LINES - len(floor)]
     drawn = [*shown, *floor]
     colours = plotting.colours(drawn, dict(job.hues) | dict.fromkeys(floor, FLOOR))
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(0.6 + 2.3 * len(job.axes))
         axes = figure.subplots(len(job.axes), len(sets), squeeze=False, sharey="row")
         of_metric = [point for point in points if point.metric == metric.name]
-        lines = grouped(of_metric, lambda point: (point.along, point.set, point.method))
+        lines = group_by(of_metric, lambda point: (point.along, point.set, point.method))
         for row, (along, experiments) in zip(axes, job.axes, strict=True):
             values = [value for value, _ in experiments]
             for axis, name in zip(row, sets, strict=True):

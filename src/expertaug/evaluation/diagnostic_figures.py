@@ -49,7 +49,7 @@ def draw_calibration(kinds: Mapping[str, Calibration], parameters: Sequence[str]
         if calibration.marginal.shape[1] != len(parameters):
             where = f"of {calibration.marginal.shape[1]} parameters"
             raise InputError(f"kinds[{name!r}]", where, f"there are {len(parameters)} names")
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(6.2, min(plotting.WIDTH, 1.2 + 2.0 * len(kinds)))
         grid = figure.subplots(3, len(kinds), squeeze=False, sharex=True, sharey="row")
         between = ", " if len(kinds) < 4 else ",\n"
@@ -91,7 +91,7 @@ def draw_alarm(scores: Mapping[str, Assessment], title: str = "") -> Figure:
     first = next(iter(scores.values()))
     if any(not np.array_equal(each.risk.best, first.risk.best) for each in scores.values()):
         raise InputError("scores", "of windows with different errors", "assess all on the same windows")
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(3.6)
         left, right = figure.subplots(1, 2)
         handles = []
@@ -137,11 +137,11 @@ def _looks(names: Iterable[str]) -> list[tuple[str, plotting.Look]]:
 def _ranks(axis: Axes, calibration: Calibration, parameters: Sequence[str]) -> None:
     """The distribution of ranks less the uniform one."""
     test = uniformity(calibration.marginal, calibration.draws)
-    x = _closed(test.level)
-    axis.fill_between(x, _closed(test.lower) - x, _closed(test.upper) - x, **BAND)
+    x = _close(test.level)
+    axis.fill_between(x, _close(test.lower) - x, _close(test.upper) - x, **BAND)
     axis.axhline(0, **IDEAL)
     for k, (name, look) in enumerate(_looks(parameters)):
-        axis.plot(x, _closed(test.share[:, k]) - x, **look)
+        axis.plot(x, _close(test.share[:, k]) - x, **look)
         words, place = f"{plotting.symbol(name)}: {_p_text(float(test.p_value[k]))}", (0.97, 1 - LINE * k)
         inside = {"xycoords": "axes fraction", "ha": "right", "va": "top", "fontsize": SMALL}
         axis.annotate(words, place, color=look["color"], **inside)
@@ -154,28 +154,28 @@ def _intervals(axis: Axes, calibration: Calibration, parameters: Sequence[str]) 
     test = uniformity(calibration.tarp if calibration.density is None else calibration.density, calibration.draws)
     _diagonal(axis, test)
     for k, (_, look) in enumerate(_looks(parameters)):
-        axis.plot(_closed(covered.level), _closed(covered.share[:, k]), **look)
+        axis.plot(_close(covered.level), _close(covered.share[:, k]), **look)
     if calibration.density is not None:
-        axis.plot(_closed(test.level), _closed(test.share), **WHOLE)
+        axis.plot(_close(test.level), _close(test.share), **WHOLE)
         _note(axis, f"highest density\n{_p_text(float(test.p_value))}")
 
 
 def _tarp(axis: Axes, calibration: Calibration) -> None:
     test = uniformity(calibration.tarp, calibration.draws)
     _diagonal(axis, test)
-    axis.plot(_closed(test.level), _closed(test.share), **WHOLE)
+    axis.plot(_close(test.level), _close(test.share), **WHOLE)
     area = f"{float(area_to_curve(calibration.tarp, calibration.draws)):+.3f}".replace("-", "−")
     _note(axis, f"area {area}\n{_p_text(float(test.p_value))}")
 
 
 def _diagonal(axis: Axes, test: Uniformity) -> None:
-    x = _closed(test.level)
-    axis.fill_between(x, _closed(test.lower), _closed(test.upper), **BAND)
+    x = _close(test.level)
+    axis.fill_between(x, _close(test.lower), _close(test.upper), **BAND)
     axis.plot([0, 1], [0, 1], **IDEAL)
     axis.set(xlim=(0, 1), ylim=(0, 1))
 
 
-def _closed(inner: np.ndarray) -> np.ndarray:
+def _close(inner: np.ndarray) -> np.ndarray:
     """Values with the 0 before and the 1 after them, where every distribution begins and ends."""
     return np.concatenate([[0.0], inner, [1.0]])
 

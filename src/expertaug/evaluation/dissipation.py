@@ -20,13 +20,13 @@ from expertaug.evaluation.metrics import Metric
 from expertaug.evaluation.settings import DissipationJob
 from expertaug.evaluation.summary import mean_of, order_sets
 from expertaug.evaluation.table import DASH, Study, Table
-from expertaug.inference.least_squares import refined_by, refinement_of
+from expertaug.inference.least_squares import refine_by, refinement_of
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates
 from expertaug.models.settings import Refinement
 from expertaug.models.store import device_of
-from expertaug.rows import frame, grouped
+from expertaug.rows import frame, group_by
 from expertaug.systems import System
 from expertaug.systems.settings import CONSERVING
 from expertaug.trajectories import SetFolder, Trajectories
@@ -171,7 +171,7 @@ def _losses(
     decoder = getattr(stored.model, "decoder", stored.model)
     estimator = stored.model
     if fitting is not None:
-        estimator = refined_by(stored, fitting)
+        estimator = refine_by(stored, fitting)
     observed, rows = stored.card.observed, []
     # Where z_e is the start, neither E nor F_e asks for it.
     asks = decoder.interaction is not None or type(decoder.system).initial_state is System.initial_state
@@ -240,7 +240,7 @@ def _of_methods(losses: Sequence[Loss], job: DissipationJob) -> tuple[list[str],
     for name in order_sets(loss.set for loss in losses):
         for version, label, _ in job.versions:
             own = [loss for loss in losses if (loss.set, loss.method) == (name, version)]
-            means = map(over_recordings, grouped(own, lambda loss: loss.seed).values())
+            means = map(over_recordings, group_by(own, lambda loss: loss.seed).values())
             measured, dissipated, correlations = zip(*means, strict=True)
             cells = [_text(measured[:1]), _text(dissipated), _text(correlations)]
             rows.append([job.of_set(name), label, *(cell.replace("-", "−") for cell in cells)])
@@ -251,7 +251,7 @@ def _of_recordings(losses: Sequence[Loss], job: DissipationJob) -> tuple[list[st
     """A row for each set and recording, a column for each expert's measured loss and each version."""
     experts = list(dict.fromkeys(loss.expert for loss in losses))
     rows = []
-    for (name, recording), part in grouped(losses, lambda loss: (loss.set, loss.recording)).items():
+    for (name, recording), part in group_by(losses, lambda loss: (loss.set, loss.recording)).items():
         firsts = [next(loss for loss in part if loss.expert == expert) for expert in experts]
         measured = [_number(loss.measured, loss.measured_se) for loss in firsts]
         each = [_text([loss.dissipated for loss in part if loss.method == version]) for version, *_ in job.versions]
@@ -283,7 +283,7 @@ def draw(losses: Sequence[Loss], job: DissipationJob) -> Figure:
     labels = {version: label for version, label, _ in job.versions}
     colours = plotting.colours(list(labels), dict(job.hues))
     looks = {v: _look(v, colours[v]) for v in labels}
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(0.6 + 2.4 * len(experts))
         panels = figure.subplots(len(experts), len(sets), squeeze=False)
         for row, expert in zip(panels, experts, strict=True):
@@ -293,7 +293,7 @@ def draw(losses: Sequence[Loss], job: DissipationJob) -> Figure:
                 ends = [min([0.0, *measured]), max(measured, default=np.nan)]
                 axis.plot(ends, ends, **DIAGONAL)
                 for version, look in looks.items():
-                    own = grouped((loss for loss in part if loss.method == version), lambda loss: loss.recording)
+                    own = group_by((loss for loss in part if loss.method == version), lambda loss: loss.recording)
                     x = [mean_of(loss.measured for loss in each) for each in own.values()]
                     axis.plot(x, [mean_of(loss.dissipated for loss in each) for each in own.values()], **look)
                 _scale(axis, ends, [loss.dissipated for loss in part])

@@ -20,8 +20,8 @@ from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.evaluation.windows import VersionWindows, WindowSet, none_shown, windows_of
 from expertaug.hues import FLOOR
 from expertaug.inference.diagnostics.alarm import attainable, threshold
-from expertaug.rows import frame, grouped
-from expertaug.versions import LINES, compared
+from expertaug.rows import frame, group_by
+from expertaug.versions import LINES, choose_compared
 
 SINGLE = 1e-6  # of a value: what rounding to single precision moves it by, and more
 ROOM = 2.0  # of the range of the versions shown: a floor within it is in the panel
@@ -222,7 +222,7 @@ def _skill(own: Resampled, floor: Resampled, least: Resampled) -> Resampled:
 def _table(bins: Sequence[Bin], title: str) -> Table:
     """A part for each bin, a row for each version, a column for each metric."""
     parts = []
-    for (of, distance_), part in grouped(bins, lambda bin_: (bin_.of, bin_.distance)).items():
+    for (of, distance_), part in group_by(bins, lambda bin_: (bin_.of, bin_.distance)).items():
         where = "within the range" if distance_ == 0 else f"{distance_:.2f} widths beyond it"
         rows = [
             [bin_.label, *(getattr(bin_, metric).text(digits) for metric, (_, digits) in METRICS.items())]
@@ -236,17 +236,17 @@ def _draw(bins: Sequence[Bin], job: WindowStudyJob, title: str) -> Figure:
     """A panel a metric, a line a version: those that people choose between."""
     floor = job.floor
     named = list(dict.fromkeys(bin_.method for bin_ in bins))
-    chosen = compared([v for v in named if v != floor], job.classical, LINES - (floor in named))
+    chosen = choose_compared([v for v in named if v != floor], job.classical, LINES - (floor in named))
     drawn = [*chosen, floor] if floor in named else chosen
     colours = plotting.colours(drawn, dict(job.hues) | ({} if floor is None else {floor: FLOOR}))
-    with plotting.styled():
+    with plotting.use_style():
         shifted = list(dict.fromkeys(bin_.of for bin_ in bins))
         figure = plotting.new_figure(4.6 if len(shifted) == 1 else 7.6)
         # One distance: two rows of two panels; two distances: a column each, a row a metric.
         axes = figure.subplots(2, 2, sharex=True) if len(shifted) == 1 else figure.subplots(4, 2, sharex="col")
         panels = [axes.flat] if len(shifted) == 1 else list(axes.T)
         for of, column in zip(shifted, panels, strict=True):
-            block = grouped((bin_ for bin_ in bins if bin_.of == of), lambda bin_: bin_.method)
+            block = group_by((bin_ for bin_ in bins if bin_.of == of), lambda bin_: bin_.method)
             widest = max(bin_.distance for bin_ in bins if bin_.of == of)
             for axis, (metric, (name, _)) in zip(column, METRICS.items(), strict=True):
                 for v in chosen if metric == "skill" else drawn:  # the floor's skill is 1

@@ -15,15 +15,17 @@ from matplotlib.lines import Line2D
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.metrics import RELATIVE_ERROR, RELATIVE_ERROR_OF, log_mse_of, metric_of
+from expertaug.evaluation.products import OVERVIEWS
 from expertaug.evaluation.settings import OverviewExperiment, OverviewJob, PlotJob, Reading, Titles
 from expertaug.evaluation.summary import TabledMean, drawn_sets, in_domain, labels_of, order_sets, read_long
-from expertaug.rows import grouped
-from expertaug.versions import SHOWN_SETS, base, ordered, paired
+from expertaug.rows import group_by
+from expertaug.versions import SHOWN_SETS, base, choose_paired, order_versions
 
 ROW, LABELS = 0.165, 1.6  # inches: height of a row, width of the labels beside them
 # Sets of the training's domain are hollow; those beside the three of each experiment look like the test set.
 LOOKS = {"train": ("|", "none"), "validation": ("o", "white"), "iid": ("s", "white"), "test": ("D", "own")}
 APART = 0.17  # of two sets of one row, in rows
+LOG_MSE_AXIS, ERROR_AXIS = "log-MSE (lower is better)", "relative error [%] (lower is better)"
 
 
 @dataclass(frozen=True)
@@ -58,12 +60,12 @@ def draw_dots(
     """
     rows = [row for panel in panels for row in panel.rows]
     labels = labels_of(rows)
-    colours = plotting.colours(ordered(labels, hues), hues)
+    colours = plotting.colours(order_versions(labels, hues), hues)
     columns = -(-len(panels) // -(-len(panels) // 3))  # as many in each line, but for the last
     beside = [panels[start : start + columns] for start in range(0, len(panels), columns)]
-    versions = [ordered((row.method for panel in line for row in panel.rows), hues) for line in beside]
+    versions = [order_versions((row.method for panel in line for row in panel.rows), hues) for line in beside]
     heights = [0.75 + ROW * len(methods) for methods in versions]
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(0.75 + sum(heights), plotting.WIDTH if columns > 1 else 5.2)
         width = (figure.get_figwidth() - LABELS) / columns
         grid = figure.subplots(len(beside), columns, squeeze=False, sharey="row", height_ratios=heights)
@@ -98,7 +100,7 @@ def _mark(name: str, colour: object, titles: Titles) -> Line2D:
 
 def _panel(axis: Axes, panel: Panel, methods: Sequence[str], colours: plotting.Colours, floor: str | None) -> None:
     sets = order_sets(row.set for row in panel.rows)
-    values = grouped(panel.rows, lambda mean: (mean.method, mean.set))
+    values = group_by(panel.rows, lambda mean: (mean.method, mean.set))
     if floor is not None and (floor, sets[-1]) in values:
         at_floor = float(np.mean([mean.mean for mean in values[floor, sets[-1]]]))
         axis.axvline(at_floor, color="0.35", linewidth=0.9, linestyle=":")
@@ -142,40 +144,44 @@ def run_stage(tables: Sequence[Path], output: Path, job: OverviewJob) -> None:
 
 
 def overview(rows: Sequence[TabledMean], job: OverviewJob) -> dict[str, Figure]:
-    """The figures log_mse (paper's figure log_mse), parameter_errors (param_acc) and, where an experiment asks for it,
-    za_shifted: a panel for each experiment, methods with their augmented versions and opponents.
+    """Each of :data:`~expertaug.evaluation.products.OVERVIEWS` that has a panel: one for each experiment that shows in
+    it, with the methods that have an augmented version, these versions, and opponents.
 
     Arguments:
         rows: of the long tables of all experiments.
     """
-    shown = [experiment for experiment in job.experiments if experiment.shown]
-    figures: dict[str, Figure] = {}
-
-    def draw(name: str, panels: Sequence[Panel], axis: str, logarithmic: bool = False) -> None:
-        figures[name] = draw_dots(panels, dict(job.hues), axis, logarithmic)
-
-    if shown:
-        panels = [
-            _panel_of(
-                rows, experiment, _log_mse(experiment), note=f" ({experiment.convention_text.partition(' over')[0]})"
-            )
-            for experiment in shown
-        ]
-        draw("log_mse", panels, "log-MSE (lower is better)")
-        panels = [_panel_of(rows, experiment, RELATIVE_ERROR.name) for experiment in shown]
-        panels = [panel for panel in panels if panel.rows]
-        if panels:
-            draw("parameter_errors", panels, "relative error [%] (lower is better)", True)
-        else:
-            figures["parameter_errors"] = plotting.note(_without_errors(rows))
-    panels = [
-        _panel_of(rows, experiment, _log_mse(experiment), sets=[experiment.shifted])
-        for experiment in job.experiments
-        if experiment.shifted
-    ]
-    if panels:
-        draw("za_shifted", panels, "log-MSE (lower is better)")
+    figures = {}
+    for kind in OVERVIEWS:
+        experiments = [experiment for experiment in job.experiments if getattr(experiment, kind.shows)]
+        if experiments:
+            figures[kind.name] = globals()[kind.draw](rows, experiments, dict(job.hues))
     return figures
+
+
+def log_mse_of_all(
+    rows: Sequence[TabledMean], experiments: Sequence[OverviewExperiment], hues: Mapping[str, int]
+) -> Figure:
+    """The paper's figure log_mse."""
+    panels = [
+        _panel_of(rows, e, _log_mse(e), note=f" ({e.convention_text.partition(' over')[0]})") for e in experiments
+    ]
+    return draw_dots(panels, hues, LOG_MSE_AXIS)
+
+
+def parameter_errors_of_all(
+    rows: Sequence[TabledMean], experiments: Sequence[OverviewExperiment], hues: Mapping[str, int]
+) -> Figure:
+    """The paper's figure param_acc; a note where no experiment's parameters are known."""
+    panels = [panel for e in experiments if (panel := _panel_of(rows, e, RELATIVE_ERROR.name)).rows]
+    return draw_dots(panels, hues, ERROR_AXIS, True) if panels else plotting.note(_without_errors(rows))
+
+
+def log_mse_of_shifted(
+    rows: Sequence[TabledMean], experiments: Sequence[OverviewExperiment], hues: Mapping[str, int]
+) -> Figure:
+    """Of each experiment the set out of the expertise that it names."""
+    panels = [_panel_of(rows, e, _log_mse(e), sets=[e.shifted]) for e in experiments if e.shifted]
+    return draw_dots(panels, hues, LOG_MSE_AXIS)
 
 
 def _log_mse(reading: Reading) -> str:
@@ -195,7 +201,7 @@ def _panel_of(
     part = [row for row in rows if (row.experiment, row.metric) == (experiment.name, metric) and row.of]
     sets = sets or (in_domain(row.set for row in part), "test")
     part = [row for row in part if row.set in sets]
-    methods = {*paired(row.method for row in part), *experiment.opponents}
+    methods = {*choose_paired(row.method for row in part), *experiment.opponents}
     title = f"{experiment.of_experiment(experiment.name)}{note}"
     return Panel(title, [row for row in part if row.method in methods], experiment)
 
@@ -211,7 +217,7 @@ def log_mse(rows: Sequence[TabledMean], job: PlotJob) -> Figure:
     """
     parts = _select(rows, [_log_mse(job)])
     panels = [Panel(job.of_experiment(name), part, job) for (name, _), part in parts.items()]
-    return draw_dots(panels, dict(job.hues), "log-MSE (lower is better)", floor=job.floor)
+    return draw_dots(panels, dict(job.hues), LOG_MSE_AXIS, floor=job.floor)
 
 
 def parameter_errors(rows: Sequence[TabledMean], job: PlotJob) -> Figure:
@@ -228,7 +234,7 @@ def parameter_errors(rows: Sequence[TabledMean], job: PlotJob) -> Figure:
     for (experiment, metric), part in _select(rows, names).items():
         parameter, name = plotting.symbol(metric_of(metric).of), job.of_experiment(experiment)
         panels.append(Panel(f"{name}: {parameter}" if parameter else name, part, job))
-    return draw_dots(panels, dict(job.hues), "relative error [%] (lower is better)", logarithmic=True)
+    return draw_dots(panels, dict(job.hues), ERROR_AXIS, logarithmic=True)
 
 
 def _without_errors(rows: Sequence[TabledMean]) -> str:
@@ -245,7 +251,7 @@ def _select(rows: Sequence[TabledMean], metrics: Sequence[str]) -> dict[tuple[st
         what = f"no {' or '.join(metrics)} on {', '.join(SHOWN_SETS)}"
         raise InputError("metrics", what, f"the files hold {evaluated}")
     drawn = []
-    for part in grouped(chosen, lambda row: row.experiment).values():
+    for part in group_by(chosen, lambda row: row.experiment).values():
         sets = drawn_sets(row.set for row in part)
         drawn += [row for row in part if row.set in sets]
-    return grouped(drawn, lambda row: (row.experiment, row.metric))
+    return group_by(drawn, lambda row: (row.experiment, row.metric))

@@ -12,7 +12,7 @@ from expertaug.evaluation.score import Scored, score
 from expertaug.evaluation.settings import DuringTrainingJob, Scoring
 from expertaug.learning import snapshots
 from expertaug.learning.during_training import BASE, ModelState, kept_states
-from expertaug.learning.job import locked
+from expertaug.learning.job import lock_job
 from expertaug.models.store import device_of
 from expertaug.rows import write_csv
 from expertaug.tracking.log import Run
@@ -53,16 +53,16 @@ def run_stage(
     )
     device, rows = device_of(job.device), []
     with (
-        locked(work),  # an orphan may still be writing the log
+        lock_job(work),  # an orphan may still be writing the log
         RunLog(Path(output).with_name("during_training.jsonl"), run, tracking) as log,
     ):
         for name in MAIN_SETS:
             log.dataset(name, Path(data) / f"{name}.npz")
         models = kept_states(file, data, work, job.augment, job.finetune, job.finetune_epochs, device)
-        for scores in scored_states(models, SetFolder(data), job):
+        for scores in score_states(models, SetFolder(data), job):
             rows += scores.rows(job)
             for name, scored in scores.of_sets.items():
-                log.metrics(scores.state.epoch, _named(name, scores.state.finetune_epochs, scored))
+                log.metrics(scores.state.epoch, _name_metrics(name, scores.state.finetune_epochs, scored))
             log.flush()  # the next fine-tuning may take hours
         write_csv(Path(output), MetricRow, rows)
         log.artifact(output)
@@ -96,10 +96,10 @@ def during_training(
         models: each is needed but once; of a training's snapshots, :func:`expertaug.learning.during_training.states`.
         sets: train, validation and test.
     """
-    return [row for scores in scored_states(models, sets, job) for row in scores.rows(job)]
+    return [row for scores in score_states(models, sets, job) for row in scores.rows(job)]
 
 
-def scored_states(
+def score_states(
     models: Iterable[ModelState], sets: Mapping[str, Trajectories], job: DuringTrainingJob
 ) -> Iterator[StateScores]:
     """The scores of each model before the next is asked for; arguments are those of :func:`during_training`."""
@@ -113,7 +113,7 @@ def scored_states(
         yield StateScores(state, of_sets)
 
 
-def _named(name: str, finetuned: int, scored: Scored) -> dict[str, Tensor]:
+def _name_metrics(name: str, finetuned: int, scored: Scored) -> dict[str, Tensor]:
     """A set's metrics, (S,) each, as ``set/metric`` and, after fine-tuning, ``set/metric_finetuned_10``."""
     end = "" if finetuned == BASE else f"_finetuned_{finetuned}"
     return {f"{name}/{metric}{end}": value for metric, value in scored.values.items()}

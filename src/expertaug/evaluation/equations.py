@@ -14,7 +14,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.settings import EquationJob
 from expertaug.evaluation.table import DASH, Study, Table, escape
 from expertaug.inference.flow import load
-from expertaug.inference.least_squares import refined_by
+from expertaug.inference.least_squares import refine_by
 from expertaug.models.store import StoredModel, device_of
 from expertaug.models.terms import Term, round_to_error
 from expertaug.rows import frame
@@ -63,7 +63,7 @@ def equations(models: Iterable[StoredModel], sets: Mapping[str, Trajectories], j
         how = stored.card.refinement or version.refinement  # what fits windows says it on its card
         if how is None:
             raise InputError(stored.where, "nothing says how its windows are fitted", "give settings, noise and prior")
-        predictor = refined_by(stored, how) if stored.kind.fits_windows else stored.model
+        predictor = refine_by(stored, how) if stored.kind.fits_windows else stored.model
         results[version.version] = Search(stored, predictor, how, *samples).run(_options(job, stored))
     labels = {version.version: version.label for version in job.versions}
     rows = [row for version, result in results.items() for row in _rows(version, labels[version], result)]

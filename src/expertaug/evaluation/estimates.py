@@ -27,9 +27,9 @@ from expertaug.evaluation.summary import order_sets
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.inference.pooling import Pooled, pool
 from expertaug.models.settings import TOLD
-from expertaug.rows import frame, grouped
+from expertaug.rows import frame, group_by
 from expertaug.trajectories import places_by_trajectory
-from expertaug.versions import compared
+from expertaug.versions import choose_compared
 
 LEVEL = 0.90  # of the intervals
 BLOCKS, ENOUGH = 10, 5  # of a trajectory's windows, at most, and for an error by their scatter
@@ -215,7 +215,7 @@ def summarise(
         errors = None if stated.errors is None else stated.errors[..., k].astype(float)[:, finite]
         values, identity = values[:, finite], None if stated.identity is None else stated.identity[finite]
         own = [constant for constant in together if constant.name == name]
-        rows += [row(_pooled(constant), name, unit, constant.of, constant.windows or count) for constant in own]
+        rows += [row(_pool(constant), name, unit, constant.of, constant.windows or count) for constant in own]
         # Estimates that a distribution pulls scatter less than what they are of.
         if not finite.any() or any(constant.of_population for constant in own):
             continue
@@ -237,7 +237,7 @@ def summarise(
                 Pooled(centre.value, float(np.hypot(centre.error, between)), np.nan, centre.groups),
                 len(places),
             )
-        each |= {constant.of: (_pooled(constant), constant.windows) for constant in own}
+        each |= {constant.of: (_pool(constant), constant.windows) for constant in own}
         if len(each) > 1:
             means, stds = (
                 np.array([getattr(pooled, part) for pooled, _ in each.values()]) for part in ("value", "error")
@@ -251,12 +251,12 @@ def summarise(
             rows += [row(pooled, name, unit, t, n, of_windows=True) for t, (pooled, n) in each.items() if t not in done]
     of_sensors = [constant for constant in together if constant.name not in stated.names]
     return rows + [
-        row(_pooled(constant), constant.name, constant.unit, constant.of, constant.windows or count)
+        row(_pool(constant), constant.name, constant.unit, constant.of, constant.windows or count)
         for constant in of_sensors
     ]
 
 
-def _pooled(constant: ConstantEstimate) -> Pooled:
+def _pool(constant: ConstantEstimate) -> Pooled:
     return Pooled(constant.value, constant.error, constant.spread, constant.groups)
 
 
@@ -282,14 +282,14 @@ def estimates(forecasts: Iterable[Forecasts], job: EstimatesJob) -> Study:
     Raises:
         InputError: they do not say whose they are.
     """
-    of_version = grouped(forecasts, lambda of_group: of_group.identified().method)
+    of_version = group_by(forecasts, lambda of_group: of_group.identified().method)
     rows: list[TabledEstimate] = []
     seen: set[tuple[str, str, str]] = set()  # what all windows share is the same in every set
     experiment = ""
     for version, label in job.labels:
         parts = of_version.get(version, [])
         experiment = parts[0].identified().experiment if parts else experiment
-        for of, stated in _stated(parts, job).items():
+        for of, stated in _list_stated(parts, job).items():
             for estimate in summarise(stated, job.priors.get(version, {}), job.starts, of):
                 if (key := (version, estimate.parameter, estimate.of)) not in seen:
                     rows.append(TabledEstimate(method=version, label=label, **vars(estimate)))
@@ -298,7 +298,7 @@ def estimates(forecasts: Iterable[Forecasts], job: EstimatesJob) -> Study:
     return Study(frame(TabledEstimate, rows), [table(rows, title)], lambda: draw(rows, job, title))
 
 
-def _stated(parts: Sequence[Forecasts], job: EstimatesJob) -> dict[str, Stated]:
+def _list_stated(parts: Sequence[Forecasts], job: EstimatesJob) -> dict[str, Stated]:
     """What a version's files state by what it is of: of measurements all sets, of simulations each set by itself."""
     parts = [part for part in parts if part.places]
     sets = {} if not parts else {n: forecast for n, forecast in parts[0].sets.items() if forecast.estimated is not None}
@@ -337,7 +337,7 @@ def table(estimates: Sequence[TabledEstimate], title: str = "") -> Table:
     head = ["method", "parameter", "of", "estimate", "±", "90 % interval", "spread", "windows", "told"]
     rows = []
     for estimate in estimates:
-        shown = _rounded(estimate.error)
+        shown = _round_to(estimate.error)
         quantity = f"{estimate.parameter} [{estimate.unit}]" if estimate.unit else estimate.parameter
         ends = f"[{shown(estimate.low)}, {shown(estimate.high)}]" if np.isfinite(estimate.low) else DASH
         verdict = DASH if estimate.told is None else "yes" if estimate.told else "no"
@@ -368,7 +368,7 @@ def draw(estimates: Sequence[TabledEstimate], job: EstimatesJob, title: str) -> 
             if np.isfinite(estimate.high - estimate.low):
                 axes.plot((estimate.low, estimate.high), (place, place), color=colours[estimate.method], linewidth=1.3)
             axes.plot(estimate.value, place, linestyle="none", **look)
-        axes.set_yticks(range(len(rows)), [_named(estimate, rows) for estimate in rows], fontsize=SMALL)
+        axes.set_yticks(range(len(rows)), [_name(estimate, rows) for estimate in rows], fontsize=SMALL)
         axes.set(ylim=(len(rows) - 0.4, -0.6), xlabel=_quantity(*quantity), xlim=_limits(rows, axes))
         axes.xaxis.set_major_locator(MaxNLocator(TICKS))
         axes.grid(axis="x")
@@ -381,7 +381,7 @@ def draw(estimates: Sequence[TabledEstimate], job: EstimatesJob, title: str) -> 
     return figure
 
 
-def _named(estimate: TabledEstimate, beside: Sequence[TabledEstimate]) -> str:
+def _name(estimate: TabledEstimate, beside: Sequence[TabledEstimate]) -> str:
     """What is printed for an estimate: the version, and of what it is where there are several or the label does not
     say it."""
     several = sum(other.method == estimate.method for other in beside) > 1
@@ -406,7 +406,7 @@ def _few(rows: list[TabledEstimate], job: EstimatesJob) -> list[TabledEstimate]:
         together = {estimate.method for estimate in rows if estimate.of == ALL}
         rows = [estimate for estimate in rows if estimate.method not in together or estimate.of == ALL]
     if len(rows) > MOST:
-        chosen = compared([version for version, _ in job.labels])
+        chosen = choose_compared([version for version, _ in job.labels])
         rows = [estimate for estimate in rows if estimate.method in chosen] or rows
     if len(rows) > MOST:
         first = {job.of_set(name) for name in ("iid", "test")}
@@ -430,7 +430,7 @@ def _limits(rows: Sequence[TabledEstimate], axes: Axes) -> tuple[float, float]:
     return (low - margin, high + margin) if margin > 0 else axes.get_xlim()
 
 
-def _rounded(error: float) -> Callable[[float], str]:
+def _round_to(error: float) -> Callable[[float], str]:
     """What prints numbers to two digits of their error, or to four of their own where that is not known."""
 
     def shown(value: float) -> str:

@@ -11,13 +11,13 @@ import numpy as np
 import torch
 
 from expertaug.errors import InputError
-from expertaug.evaluation.forecasting import drawing_of, of_own_windows, scored_draws
+from expertaug.evaluation.forecasting import drawing_of, of_own_windows, score_draws
 from expertaug.evaluation.forecasts import Forecasts, KeptForecasts, SetForecasts, VersionKey, constants_of
 from expertaug.evaluation.products import EVALUATION_LOG, OWN_FIGURES
 from expertaug.evaluation.score import Scored, score
 from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.flow import StoredModel, load
-from expertaug.inference.least_squares import refined_by, refinement_of, with_overdispersion
+from expertaug.inference.least_squares import refine_by, refinement_of, with_overdispersion
 from expertaug.models.store import device_of
 from expertaug.rows import write_csv
 from expertaug.tracking.log import Run, read_log
@@ -78,7 +78,7 @@ def evaluate(stored: StoredModel, sets: Mapping[str, Trajectories], job: Evaluat
     train = cache(lambda: sets["train"])
     if refinement is not None:
         refinement = with_overdispersion(stored, refinement, train())
-        stored = replace(stored, model=refined_by(stored, refinement), card=stored.card.but(refinement=refinement))
+        stored = replace(stored, model=refine_by(stored, refinement), card=stored.card.but(refinement=refinement))
     identity = (job.experiment, stored.card.system_name, job.method, job.label, job.preset)
     rows: list[MetricRow] = []
     of_sets: dict[str, SetForecasts] = {}
@@ -146,7 +146,7 @@ def _of_every_sample(name: str, truth: Trajectories, scored: Scored) -> SetForec
         return None if values is None else values.float().numpy()
 
     is_train = name == "train"
-    set_forecasts = SetForecasts() if is_train else scored_draws(truth.z_e, scored.draws, scored.drawn)
+    set_forecasts = SetForecasts() if is_train else score_draws(truth.z_e, scored.draws, scored.drawn)
     return replace(
         set_forecasts,
         errors=array(scored.errors),

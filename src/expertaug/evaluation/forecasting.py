@@ -295,7 +295,7 @@ class ExpectedError:
         return expected, moved
 
 
-def scored_draws(z_e: np.ndarray, draws: Tensor | None, scores: DrawnScores | None) -> SetForecasts:
+def score_draws(z_e: np.ndarray, draws: Tensor | None, scores: DrawnScores | None) -> SetForecasts:
     """Where the true z_e, (N, P) or each seed's own (S, N, P), lies among draws (S, N, K, P), no ranks where a true one
     is not known; and what the drawn forecasts are worth."""
     ranks_of_z_e = tarp = None
@@ -331,4 +331,4 @@ def of_own_windows(
     bound, random = bound_of_card(stored.card, device), RandomStreams(stored.seeds, DRAWN, device=device)
     scores = drawing.scores(stored.model, estimates, windows, bound, random)
     each = None if draws is None else draws.cpu()
-    return scored_draws(z_e.cpu().numpy(), each, scores), 0 if each is None else each.shape[2]
+    return score_draws(z_e.cpu().numpy(), each, scores), 0 if each is None else each.shape[2]

@@ -278,7 +278,7 @@ class Forecasts:
             raise InputError(path, f"no array {missing[0]!r}", REMEDY)
         ends = [(name, end) for name in arrays for end in OF_A_SET if name.endswith(f"_{end}")]
         sets = dict.fromkeys(name.removesuffix(f"_{end}") for name, end in ends)
-        own = _named(SetForecasts, OWN, arrays)
+        own = _pick(SetForecasts, OWN, arrays)
         return cls(
             t=arrays["t"],
             observed=int(arrays["observed"]),
@@ -316,12 +316,12 @@ def _of_set(path: Path, name: str, arrays: Mapping[str, np.ndarray]) -> SetForec
     if f"{name}_truth" in arrays:
         if missing := [end for end in ("index", "prediction", "z_e") if f"{name}_{end}" not in arrays]:
             raise InputError(path, f"no array '{name}_{missing[0]}'", REMEDY)
-        kept = KeptForecasts(**_named(KeptForecasts, name, arrays))
+        kept = KeptForecasts(**_pick(KeptForecasts, name, arrays))
         _check_kept(path, name, kept, (len(arrays["seeds"]), len(kept.index), len(arrays["t"])))
-    return SetForecasts(**_named(SetForecasts, name, arrays), kept=kept)
+    return SetForecasts(**_pick(SetForecasts, name, arrays), kept=kept)
 
 
-def _named(kind: type, name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _pick(kind: type, name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """A set's arrays that are fields of a class."""
     by_field = {attribute.name: arrays.get(f"{name}_{attribute.name}") for attribute in fields(kind)}
     return {key: value for key, value in by_field.items() if value is not None}

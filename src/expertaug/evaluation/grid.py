@@ -139,7 +139,7 @@ def _caption(scores: Sequence[SeedScore], job: GridJob) -> str:
 def _draw(scores: Sequence[SeedScore], points: Sequence[Point], job: GridJob) -> Figure:
     """The score against each key's values: a dot for each seed of each point, a line through the best of each value."""
     keys, values = job.keys, values_of(job)
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(3.0, plotting.WIDTH if len(keys) > 1 else 4.6)
         panels = figure.subplots(1, len(keys), squeeze=False, sharey=True)[0]
         for place, (axis, key) in enumerate(zip(panels, keys, strict=True)):

@@ -181,10 +181,10 @@ def deviations(statistic: Resampled) -> np.ndarray:
     """How far the mean over seeds may be from what it estimates, (RESAMPLES,); NaN of a single unit."""
     seeds, centre = len(statistic.value), statistic.value.mean()
     of_samples = statistic.drawn.mean(1)
-    far = (of_samples - centre) * _widened(statistic.units, "samples")
+    far = (of_samples - centre) * _widen(statistic.units, "samples")
     if seeds > 1:
         weights = resamples(seeds, "seeds").T / seeds
-        far = far + ((statistic.drawn - of_samples[:, None]) * weights).sum(1) * _widened(seeds, "seeds")
+        far = far + ((statistic.drawn - of_samples[:, None]) * weights).sum(1) * _widen(seeds, "seeds")
     return far
 
 
@@ -196,8 +196,8 @@ def _log_deviations(statistic: Resampled) -> np.ndarray | None:
     of_both = (statistic.drawn * resamples(seeds, "seeds").T).sum(1) / seeds
     if not (centre > 0 and (of_samples > 0).all() and (of_both > 0).all()):
         return None
-    far = np.log(of_samples / centre) * _widened(statistic.units, "samples")
-    return far + np.log(of_both / of_samples) * _widened(seeds, "seeds") if seeds > 1 else far
+    far = np.log(of_samples / centre) * _widen(statistic.units, "samples")
+    return far + np.log(of_both / of_samples) * _widen(seeds, "seeds") if seeds > 1 else far
 
 
 @lru_cache(maxsize=8)
@@ -209,7 +209,7 @@ def resamples(units: int, source: str = "samples") -> np.ndarray:
 
 
 @lru_cache(maxsize=32)
-def _widened(units: int, source: str) -> np.ndarray:
+def _widen(units: int, source: str) -> np.ndarray:
     """Factors that make the deviations of resampled means those of Student's t; a single unit says nothing."""
     if units < 2:
         return np.full(RESAMPLES, np.nan)

@@ -296,7 +296,7 @@ def _relative_samples(errors: SampleErrors, of: str) -> Statistic | None:
     return mean, np.where(unknown, 0.0, errors.relative).sum(2) / count
 
 
-def _drawn(name: str) -> Callable[[Outcome], Any]:
+def _of_draws(name: str) -> Callable[[Outcome], Any]:
     return lambda outcome: None if outcome.drawn is None else outcome.drawn[name]
 
 
@@ -469,10 +469,14 @@ register(
         not_negative=True,
     )
 )
-register(Metric("crps", "CRPS of forecasts", compute=_drawn("crps"), better="lower", not_negative=True))
+register(Metric("crps", "CRPS of forecasts", compute=_of_draws("crps"), better="lower", not_negative=True))
 register(
     Metric(
-        "energy_score", "energy score of forecasts", compute=_drawn("energy_score"), better="lower", not_negative=True
+        "energy_score",
+        "energy score of forecasts",
+        compute=_of_draws("energy_score"),
+        better="lower",
+        not_negative=True,
     )
 )
 register(
@@ -480,7 +484,7 @@ register(
         "forecast_coverage_{of}",
         "forecasts in the {of} % band",
         "%",
-        compute=_drawn("forecast_coverage"),
+        compute=_of_draws("forecast_coverage"),
         digits=1,
         not_negative=True,
     )

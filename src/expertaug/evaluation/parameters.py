@@ -14,7 +14,7 @@ from expertaug import plotting
 from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.settings import ParameterReading
 from expertaug.evaluation.summary import drawn_sets
-from expertaug.versions import ordered
+from expertaug.versions import order_versions
 
 MARKERS = {"train": "^", "validation": "o", "iid": "s", "test": "D"}  # as those of dots
 POINTS = 200  # of one set and seed in a scatter plot
@@ -37,11 +37,11 @@ def parameters(forecasts: Mapping[str, Forecasts], reading: ParameterReading = P
     estimating = {method: data for method, data in forecasts.items() if data.estimates}
     if not estimating:
         return plotting.note("no method estimates parameters")
-    methods = ordered(estimating, dict(reading.hues))
+    methods = order_versions(estimating, dict(reading.hues))
     colours = plotting.colours(methods, dict(reading.hues))
     first = estimating[methods[0]]
     count = len(first.parameter_names)
-    with plotting.styled():
+    with plotting.use_style():
         side = min(2.3, (plotting.WIDTH - 0.5) / len(methods))
         before_unit = "\n[" if side < 1.2 else " ["  # two lines where the panels are narrow
         titles = [plotting.wrap_words(plotting.text(reading.printed(method)), side) for method in methods]
@@ -115,7 +115,7 @@ def _show_ranges(
 ) -> tuple[float, float]:
     """Shade the training range, draw each method's p⁺ and set the limits, which are returned."""
     training = reading.training_range.get(name)
-    if training is None and (shaded := _shaded(data)) is not None:
+    if training is None and (shaded := _choose_shaded(data)) is not None:
         values = data.truths[shaded][:, column]
         training = (np.nanmin(values), np.nanmax(values)) if np.isfinite(values).any() else None
     priors = {method: _prior(reading, method, name) for method in axes}
@@ -141,7 +141,7 @@ def _prior(reading: ParameterReading, method: str, name: str) -> tuple[float, fl
     return reading.priors.get(method, {}).get(name)
 
 
-def _shaded(data: Forecasts) -> str | None:
+def _choose_shaded(data: Forecasts) -> str | None:
     """The set whose range is shaded where that of the training is not told."""
     return next((name for name in ("train", "validation") if np.isfinite(data.truths.get(name, np.nan)).any()), None)
 
@@ -188,7 +188,7 @@ def _parameter_legend(figure: Figure, data: Forecasts, reading: ParameterReading
             continue
         marker = {"marker": MARKERS.get(name, "s"), "markerfacecolor": face, "markeredgecolor": "0.3"}
         handles.append(Line2D([], [], linestyle="", markersize=4, label=title, **marker))
-    if shaded := "train" if reading.training_range else _shaded(data):
+    if shaded := "train" if reading.training_range else _choose_shaded(data):
         handles.append(Patch(facecolor="0.9", label="training range" if shaded == "train" else "validation range"))
     if any(reading.priors.values()):
         handles.append(Line2D([], [], color="0.45", linewidth=0.8, linestyle=(0, (4, 2)), label="range of p⁺"))

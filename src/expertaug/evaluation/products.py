@@ -53,12 +53,30 @@ class StudyKind(Product):
     draw: str
 
 
-def _figures(*names: str, of_all: bool = False) -> tuple[Product, ...]:
-    return tuple(Product(name, figure=True, of_all=of_all) for name in names)
+@dataclass(frozen=True, kw_only=True)
+class OverviewKind(Product):
+    """A figure over several experiments.
+
+    Attributes:
+        shows: the entry of an experiment's block of :class:`~expertaug.evaluation.settings.OverviewJob` that says
+            whether it has a panel.
+        draw: a function of :mod:`expertaug.evaluation.dots`, which is imported when the figure is made.
+    """
+
+    figure: bool = True
+    of_all: bool = True
+    shows: str
+    draw: str
 
 
-PLOTTED = _figures("log_mse", "parameter_errors", "parameters", "forecasts", "curves")
-OVERVIEWS = _figures("log_mse", "parameter_errors", "za_shifted", of_all=True)
+PLOTTED = tuple(
+    Product(name, figure=True) for name in ("log_mse", "parameter_errors", "parameters", "forecasts", "curves")
+)
+OVERVIEWS = (
+    OverviewKind("log_mse", shows="shown", draw="log_mse_of_all"),
+    OverviewKind("parameter_errors", shows="shown", draw="parameter_errors_of_all"),
+    OverviewKind("za_shifted", shows="shifted", draw="log_mse_of_shifted"),
+)
 STUDIES = (
     StudyKind("out_of_expertise", title="shifts out of the expertise", rows="shift_rows", draw="shifts"),
     StudyKind("horizons", title="longer forecasts", rows="horizon_rows", draw="horizons"),

@@ -164,11 +164,11 @@ def comparison(means: Sequence[Mean], samples: Samples, job: CompareJob) -> list
         for number in of_system:
             name = near if number.set == "validation" else number.set
             mean = ours.get((experiment, number.label, name, number.metric))
-            rows.append(_compared(number, mean, samples, experiment, presets.get(experiment), name))
+            rows.append(_compare(number, mean, samples, experiment, presets.get(experiment), name))
     return rows
 
 
-def _compared(
+def _compare(
     number: Published, mean: Mean | None, samples: Samples, experiment: str, preset: str | None, name: str
 ) -> Compared:
     difference, low, high = None, math.nan, math.nan

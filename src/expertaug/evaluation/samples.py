@@ -36,7 +36,7 @@ class Samples:
         parts: dict[VersionKey, list[Forecasts]] = {}
         for loaded in forecasts:
             parts.setdefault(loaded.identified(), []).append(loaded)
-        self._sets = {key: _joined(several) for key, several in parts.items()}
+        self._sets = {key: _join(several) for key, several in parts.items()}
         self._seeds = {key: np.array([seed for group in part for seed in group.seeds]) for key, part in parts.items()}
         self._made: dict[tuple[VersionKey, str, str], tuple[np.ndarray, Resampled] | None] = {}
 
@@ -130,7 +130,7 @@ def _sets(forecasts: Forecasts) -> dict[str, _Set]:
     return sets
 
 
-def _joined(parts: Sequence[Forecasts]) -> dict[str, _Set]:
+def _join(parts: Sequence[Forecasts]) -> dict[str, _Set]:
     """Sets of all groups of seeds of a version."""
     first, *others = [_sets(part) for part in parts]
     for part, sets in zip(parts[1:], others, strict=True):

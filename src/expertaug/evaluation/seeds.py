@@ -18,7 +18,7 @@ from expertaug.evaluation.metrics import log_mse_of
 from expertaug.evaluation.settings import Titles, WindowStudyJob
 from expertaug.evaluation.table import Cell, Study, Table
 from expertaug.evaluation.windows import VersionWindows, windows_of
-from expertaug.rows import frame, grouped
+from expertaug.rows import frame, group_by
 from expertaug.versions import LINES
 
 SEED, MEAN, MEDIAN = "seed", "mean", "median"
@@ -119,9 +119,9 @@ def _scores(method: str, label: str, version: VersionWindows) -> Iterator[SeedSc
 def _table(scores: Sequence[SeedScore], titles: Titles, title: str) -> Table:
     """A part for each set, a row for each version."""
     parts = []
-    for name, of_set in grouped(scores, lambda score: score.set).items():
+    for name, of_set in group_by(scores, lambda score: score.set).items():
         rows = []
-        for part in grouped(of_set, lambda score: score.method).values():
+        for part in group_by(of_set, lambda score: score.method).values():
             (mean,), (median,) = ([score for score in part if score.of == of] for of in (MEAN, MEDIAN))
             single = [score.log_mse for score in part if score.of == SEED]
             ends = [LOG_MSE.format(value)(value).replace("-", "−") for value in (min(single), max(single))]
@@ -142,8 +142,8 @@ def _draw(scores: Sequence[SeedScore], job: WindowStudyJob, title: str) -> Figur
     shown = [v for v in named if v in first]
     if not shown:
         return plotting.note(EMPTY)
-    sets = grouped((score for score in scores if score.method in shown), lambda score: score.set)
-    with plotting.styled():
+    sets = group_by((score for score in scores if score.method in shown), lambda score: score.set)
+    with plotting.use_style():
         figure = plotting.new_figure(1.3 + ROW * len(shown))
         axes = figure.subplots(1, len(sets), sharey=True, squeeze=False)[0]
         for axis, (name, of_set) in zip(axes, sets.items(), strict=True):

@@ -34,7 +34,7 @@ from expertaug.evaluation.table import Study as Made
 from expertaug.evaluation.table import Table
 from expertaug.rows import frame
 from expertaug.tracking.metrics_csv import MetricRow
-from expertaug.versions import LINES, base, compared
+from expertaug.versions import LINES, base, choose_compared
 
 DURING_TRAINING_SETS = ("train", "validation", "test")
 # Of the model as trained, then of each length of fine-tuning.
@@ -86,10 +86,10 @@ def horizons(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
 def _by_set(
     summary: Sequence[TabledMean], job: StudyJob, panels: Sequence[tuple[str, Sequence[str]]], xlabel: str
 ) -> Figure:
-    labels = {version: job.label_of[version] for version in compared(list(job.label_of), job.classical)}
+    labels = {version: job.label_of[version] for version in choose_compared(list(job.label_of), job.classical)}
     colours = plotting.colours(list(labels), dict(job.hues))
     metric, means = log_mse_of(job.convention).name, by_place(summary)
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(3.0, plotting.WIDTH if len(panels) > 1 else 4.6)
         grid = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
         for axis, (title, names) in zip(grid, panels, strict=True):
@@ -117,7 +117,7 @@ def widths(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
     colours = plotting.colours([f"{method}+" for method in methods], dict(job.hues))
     means = by_place(summary)
     metrics, sets = shown_metrics(summary, job.convention), width_sets(summary)
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(3.0, plotting.WIDTH if len(metrics) > 1 else 4.6)
         grid = figure.subplots(1, len(metrics), squeeze=False)[0]
         for axis, metric in zip(grid, metrics, strict=True):
@@ -159,7 +159,7 @@ def during_training(summary: Sequence[TabledMean], job: StudyJob) -> Figure:
     epochs = sorted({epoch for _, _, epoch, _ in means})
     lengths = sorted({length for _, _, _, length in means})
     lines = {length: ALONG_LINES[k % len(ALONG_LINES)] for k, length in enumerate(lengths)}
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(3.0)
         panels = figure.subplots(1, len(DURING_TRAINING_SETS), sharey=True)
         for axis, name in zip(panels, DURING_TRAINING_SETS, strict=True):

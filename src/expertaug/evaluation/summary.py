@@ -18,7 +18,7 @@ from expertaug.evaluation.intervals import Interval, interval, of_seeds
 from expertaug.evaluation.metrics import METRICS, Metric, Shown, first_metrics, metric_of
 from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.table import Cell
-from expertaug.rows import grouped, read_csv
+from expertaug.rows import group_by, read_csv
 from expertaug.tracking.metrics_csv import MetricRow, read_rows
 from expertaug.versions import SHOWN_SETS
 
@@ -170,7 +170,7 @@ def with_intervals(rows: Sequence[MetricRow], samples: Samples | None) -> list[T
         samples: errors of all samples; a mean of which none are kept has no interval. None: intervals are of the seeds
             alone.
     """
-    seeds = {version: tuple(sorted({row.seed for row in of})) for version, of in grouped(rows, _version).items()}
+    seeds = {version: tuple(sorted({row.seed for row in of})) for version, of in group_by(rows, _version).items()}
     scores = {(attrgetter(*IDENTITY)(row), row.seed): row.value for row in rows}
     tabled = []
     for mean in summarise(rows):

@@ -225,7 +225,7 @@ class Study:
         if drawn and self.figure is not None:
             from expertaug import plotting
 
-            with plotting.styled():
+            with plotting.use_style():
                 plotting.save(self.figure(), drawn)
 
 

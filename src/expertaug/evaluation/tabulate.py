@@ -31,9 +31,9 @@ from expertaug.evaluation.summary import (
     with_intervals,
 )
 from expertaug.evaluation.table import DASH, Cell, Row, Study, Table, spans
-from expertaug.rows import cells, frame, grouped
+from expertaug.rows import cells, frame, group_by
 from expertaug.tracking.metrics_csv import MetricRow
-from expertaug.versions import CONTROL, SHOWN_SETS, Version, ordered
+from expertaug.versions import CONTROL, SHOWN_SETS, Version, order_versions
 
 Column = tuple[str, str]  # set and metric
 Place = tuple[str, str, str]  # row, set and metric
@@ -103,7 +103,7 @@ def tabulate(rows: Sequence[MetricRow], job: TabulateJob | None = None, forecast
         available = ", ".join(_metrics(long))
         raise InputError("metrics", "neither log-MSE nor parameter error is in the files", f"they hold {available}")
     main = [mean for mean in long if mean.set in SHOWN_SETS]
-    parts = grouped(main, lambda mean: mean.experiment)
+    parts = group_by(main, lambda mean: mean.experiment)
     tables = [table for part in parts.values() for table in _tables(part, job, samples, units)]
     return Study(_wide(main), tables, long=frame(TabledMean, long))
 
@@ -211,7 +211,7 @@ def choice_table(part: Sequence[TabledMean], job: TabulateJob) -> Table | None:
     able = sorted((mean for mean in part if mean.behind is not None), key=attrgetter("mean"))
     if len(able) < 2:
         return None
-    chosen = chosen_of(able, job)
+    chosen = choose_simplest(able, job)
     sets = [name for name in _sets(part) if name not in ("train", VALIDATION)]
     rows: list[Row] = []
     for mean in able:
@@ -226,7 +226,7 @@ def _nats(value: float | None) -> str:
     return DASH if value is None or not math.isfinite(value) else f"{value:.2f}".replace("-", "−")
 
 
-def chosen_of(able: Iterable[TabledMean], job: TabulateJob) -> TabledMean:
+def choose_simplest(able: Iterable[TabledMean], job: TabulateJob) -> TabledMean:
     """The simplest of those that are as good as the best."""
     return min((mean for mean in able if mean.as_good), key=lambda mean: job.candidates.index(mean.method))
 
@@ -240,7 +240,7 @@ def _with_choice(long: Sequence[TabledMean], job: TabulateJob, samples: Samples)
         mean for mean in long
         if (mean.set, mean.metric) == (VALIDATION, metric) and mean.method in job.candidates and mean.n == mean.of > 0
     ]  # fmt: skip
-    for part in grouped(able, lambda mean: (mean.experiment, mean.preset)).values():
+    for part in group_by(able, lambda mean: (mean.experiment, mean.preset)).values():
         best = min(part, key=attrgetter("mean"))
         differences = {id(mean): samples.behind(mean.version, best.version, VALIDATION, metric) for mean in part}
         behind |= {key: difference for key, difference in differences.items() if difference is not None}
@@ -288,7 +288,7 @@ def by_place(part: Iterable[TabledMean]) -> dict[Place, TabledMean]:
 
 def _firsts(part: Iterable[TabledMean]) -> dict[str, TabledMean]:
     """The first mean of each row, which says whose it is."""
-    return {row: own[0] for row, own in grouped(part, lambda mean: mean.row).items()}
+    return {row: own[0] for row, own in group_by(part, lambda mean: mean.row).items()}
 
 
 def _sets(part: Iterable[Mean]) -> list[str]:
@@ -372,7 +372,7 @@ def references(version: str, versions: Iterable[str]) -> dict[str, str]:
 
 def _with_gains(long: Sequence[TabledMean], samples: Samples) -> list[TabledMean]:
     """The same with what augmented versions gain; positive is better."""
-    runs = grouped(long, lambda mean: (mean.experiment, mean.preset))
+    runs = group_by(long, lambda mean: (mean.experiment, mean.preset))
     methods = {run: {mean.method for mean in part} for run, part in runs.items()}
 
     def compared(mean: TabledMean) -> TabledMean:
@@ -397,12 +397,12 @@ def _units(forecasts: Sequence[Forecasts]) -> dict[str, str]:
 def _prepare(rows: Sequence[MetricRow], job: TabulateJob, samples: Samples) -> list[TabledMean]:
     """The summary, sorted as printed, with seeds and ends of intervals; where one experiment has several presets,
     labels name theirs."""
-    runs = grouped(rows, lambda row: row.experiment)
+    runs = group_by(rows, lambda row: row.experiment)
     several = {experiment for experiment, part in runs.items() if len({row.preset for row in part}) > 1}
     named = [replace(row, label=f"{row.label} ({row.preset})") if row.experiment in several else row for row in rows]
     long = with_intervals(named, samples)
     long += _unknown_errors(long, samples)
-    methods, metrics = ordered([mean.method for mean in long], job.label_of), _metrics(long)
+    methods, metrics = order_versions([mean.method for mean in long], job.label_of), _metrics(long)
     experiments, presets = (list(dict.fromkeys(map(attrgetter(name), long))) for name in ("experiment", "preset"))
     ranks = (experiments, methods, presets, _sets(long), metrics)
 
@@ -418,7 +418,7 @@ def _unknown_errors(long: Sequence[TabledMean], samples: Samples) -> list[Tabled
     nothing = dict.fromkeys(("mean", "std", "low", "high"), math.nan)
     return [
         replace(part[0], metric=RELATIVE_ERROR.name, n=0, of=0, values=None, **nothing)
-        for key, part in grouped(long, lambda mean: (mean.version, mean.set)).items()
+        for key, part in group_by(long, lambda mean: (mean.version, mean.set)).items()
         if RELATIVE_ERROR.name not in _metrics(part) and samples.estimates_unknown(*key)
     ]
 

@@ -20,7 +20,7 @@ from expertaug.errors import InputError
 from expertaug.evaluation.forecasts import Forecasts
 from expertaug.evaluation.settings import FigureReading
 from expertaug.tracking.log import Log
-from expertaug.versions import Version, ordered, paired
+from expertaug.versions import Version, choose_paired, order_versions
 
 TRUTH = {"color": "0.75", "linewidth": 3.2}  # wide and below all forecasts, so that one right above it is seen
 MOST_DIMENSIONS = 4
@@ -79,7 +79,7 @@ def forecasts(
         raise InputError("forecasts", "no file", "at least one forecasts.npz")
     view = view or View()
     names = names or {method: data.path or f"forecasts of {method}" for method, data in forecasts.items()}
-    methods, name = ordered(forecasts, dict(reading.hues)), view.set
+    methods, name = order_versions(forecasts, dict(reading.hues)), view.set
     by_method = {method: forecasts[method] for method in methods}
     first = by_method[methods[0]]
     _check_same(names, by_method, name)
@@ -96,7 +96,7 @@ def forecasts(
     dimensions = list(dict.fromkeys(spread.tolist()))
     colours = plotting.colours(methods, dict(reading.hues))
     gaps = bool(np.isnan(truth).any())  # a point between two of them is no line
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(0.85 + 1.25 * len(dimensions), min(plotting.WIDTH, 2.2 + 2.0 * len(samples)))
         grid = figure.subplots(len(dimensions), len(samples), squeeze=False, sharex=True, sharey="row")
         for row, dimension in enumerate(dimensions):
@@ -138,7 +138,7 @@ def _draw_fields(by_method: Mapping[str, Forecasts], reading: FigureReading, vie
     """Draw one sample's first component: a row for the truth and for each method, a column per time; beside them what
     each forecast is off by, on a scale of its own, and the root mean square of that over the whole forecast.
     """
-    methods, name = paired(by_method), view.set
+    methods, name = choose_paired(by_method), view.set
     first = by_method[methods[0]]
     sample = farthest(first, name, view.samples or range(len(first.kept[name].index)))
     times = np.linspace(0, len(first.t) - 1, min(TIMES, len(first.t))).round().astype(int)
@@ -146,7 +146,7 @@ def _draw_fields(by_method: Mapping[str, Forecasts], reading: FigureReading, vie
     truth = first.kept[name].truth[sample, :, 0]
     states = {m: by_method[m].kept[name].prediction[by_method[m].seeds.index(seed), sample, :, 0] for m in methods}
     errors = [values - truth for values in states.values()]
-    with plotting.styled():
+    with plotting.use_style():
         side = (plotting.WIDTH - 1.3) / (len(times) + len(later) + GAP)
         figure = plotting.new_figure(1.4 + side * (1 + len(methods)))
         figure.get_layout_engine().set(h_pad=0.03, w_pad=0.03, hspace=0, wspace=0)
@@ -288,9 +288,9 @@ def curves(logs: Iterable[Log], reading: FigureReading = PLAIN, traced: Sequence
     metrics = {key: title for key, title in METRICS.items() if key in logged}
     if not metrics:
         raise InputError("logs", "none of them has the metrics", f"trainings log {', '.join(METRICS)}")
-    methods = ordered(labels, dict(reading.hues))
+    methods = order_versions(labels, dict(reading.hues))
     colours = plotting.colours(methods, dict(reading.hues))
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(0.6 + 2.1 * len(experiments), plotting.WIDTH)
         grid = figure.subplots(len(experiments), len(metrics), squeeze=False)
         for row, (experiment, group) in enumerate(experiments.items()):

@@ -26,7 +26,7 @@ from expertaug.models.settings import Refinement
 from expertaug.models.store import StoredModel, device_of
 from expertaug.settings import given_ranges
 from expertaug.trajectories import SetFolder, Trajectories
-from expertaug.versions import compared
+from expertaug.versions import choose_compared
 from expertaug.windows import Windows
 
 SETS = ("train", "iid", "validation", "test")  # of the two in the middle the first that there is
@@ -174,9 +174,9 @@ def _draw(
     Arguments:
         trained: the true range of the training set, which is shaded; None: that of its windows' estimates is.
     """
-    shown = compared(list(of_versions))
+    shown = choose_compared(list(of_versions))
     colours = plotting.colours(shown, dict(job.hues))
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(3.4)
         left, right = figure.subplots(1, 2)
         ends, handles = [], []
@@ -186,7 +186,7 @@ def _draw(
             middle = 0.5 * (along_first.edges[1:] + along_first.edges[:-1])
             look: plotting.Look = {**plotting.look(version, colours), "linewidth": 1.2}
             handles.append(Line2D([], [], label=here.label, **look))
-            change = 100 * _binned(here.fits, along_first.edges)
+            change = 100 * _bin(here.fits, along_first.edges)
             usual = 100 * float(here.fits["train"].change().mean())
             for axis, values, level in ((left, along_first.chi2, along_first.limit), (right, change, usual)):
                 good = np.isfinite(values)
@@ -209,7 +209,7 @@ def _draw(
     return figure
 
 
-def _binned(fits: Mapping[str, Refit], edges: np.ndarray) -> np.ndarray:
+def _bin(fits: Mapping[str, Refit], edges: np.ndarray) -> np.ndarray:
     """‖ΔF_a‖/‖F_a‖ of the windows of each bin of the first parameter; NaN of an empty one."""
     others = [fit for key, fit in fits.items() if key != "train"]
     z_e = torch.cat([fit.z_e[..., 0].flatten() for fit in others]).numpy()

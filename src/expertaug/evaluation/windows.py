@@ -103,7 +103,7 @@ def windows_of(forecasts: Iterable[Forecasts]) -> dict[str, VersionWindows]:
         if "test" not in of_group.sets or of_group.sets["test"].misfit is None:
             raise InputError(of_group.path or "forecasts", "no array 'test_misfit'", REMEDY)
         parts.setdefault(method, []).append(_of_trained_seeds(of_group))
-    return {name: _joined(several) for name, several in parts.items()}
+    return {name: _join(several) for name, several in parts.items()}
 
 
 def none_shown(versions: Mapping[str, VersionWindows]) -> InputError:
@@ -124,7 +124,7 @@ def _of_trained_seeds(forecasts: Forecasts) -> VersionWindows:
         [forecasts.seeds[place] for place in good],
         forecasts.parameter_names,
         sets,
-        None if forecasts.own is None else _drawn(forecasts.own, good, count),
+        None if forecasts.own is None else _score_draws(forecasts.own, good, count),
         tuple(forecasts.interaction_names),
         forecasts.path,
     )
@@ -139,7 +139,7 @@ def _windows(set_forecasts: SetForecasts, good: list[int], count: int) -> Window
     def of_seeds(values: np.ndarray | None) -> np.ndarray | None:
         return None if values is None else values[good][:, measured]
 
-    drawn = _drawn(set_forecasts, good, count)
+    drawn = _score_draws(set_forecasts, good, count)
     return WindowSet(
         errors[:, measured],
         set_forecasts.misfit[good][:, measured],
@@ -154,7 +154,7 @@ def _windows(set_forecasts: SetForecasts, good: list[int], count: int) -> Window
     )
 
 
-def _drawn(set_forecasts: SetForecasts, good: list[int], count: int) -> Drawn | None:
+def _score_draws(set_forecasts: SetForecasts, good: list[int], count: int) -> Drawn | None:
     """What a set's draws are worth, of some of the seeds; None where there are no ranks."""
     if set_forecasts.ranks is None or set_forecasts.tarp is None:
         return None
@@ -164,7 +164,7 @@ def _drawn(set_forecasts: SetForecasts, good: list[int], count: int) -> Drawn | 
     return Drawn(count, set_forecasts.ranks[good], set_forecasts.tarp[good], inside)
 
 
-def _joined(parts: Sequence[VersionWindows]) -> VersionWindows:
+def _join(parts: Sequence[VersionWindows]) -> VersionWindows:
     """Groups of seeds of a version, as one."""
     first = parts[0]
     if len(parts) == 1:
@@ -177,16 +177,16 @@ def _joined(parts: Sequence[VersionWindows]) -> VersionWindows:
             errors=np.concatenate([s.errors for s in each]),
             misfit=np.concatenate([s.misfit for s in each]),
             z_e_hat=_together([s.z_e_hat for s in each]),
-            drawn=_joined_draws([s.drawn for s in each]),
+            drawn=_join_draws([s.drawn for s in each]),
             expected=_together([s.expected for s in each]),
             moved=_together([s.moved for s in each]),
             median=_together([s.median for s in each]),
         )
     seeds = [seed for part in parts for seed in part.seeds]
-    return replace(first, seeds=seeds, sets=sets, own=_joined_draws([part.own for part in parts]))
+    return replace(first, seeds=seeds, sets=sets, own=_join_draws([part.own for part in parts]))
 
 
-def _joined_draws(parts: Sequence[Drawn | None]) -> Drawn | None:
+def _join_draws(parts: Sequence[Drawn | None]) -> Drawn | None:
     present = [part for part in parts if part is not None]
     if len(present) < len(parts) or len({part.tarp.shape[1] for part in present}) > 1:
         return None

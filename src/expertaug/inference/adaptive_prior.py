@@ -110,8 +110,8 @@ def adapt_prior(
     explained, rounds = 0.0, 0
     while rounds < ROUNDS:
         rounds += 1
-        search = _widened(parameters, ranges, WIDEN)
-        z_e, chi2 = _estimated(estimator_of(stored, settings, noise, search), windows.expand(len(stored.seeds)))
+        search = _widen(parameters, ranges, WIDEN)
+        z_e, chi2 = _estimate(estimator_of(stored, settings, noise, search), windows.expand(len(stored.seeds)))
         good = chi2 <= limit
         share = float(good.double().mean())
         if not good.any():
@@ -160,12 +160,12 @@ def widen_prior(
     ranges, explained, rounds, factor = training, 0.0, 0, 1.0
     while factor < budget:
         factor, rounds = min(factor * WIDEN, budget), rounds + 1
-        wide = _widened(parameters, training, factor)
+        wide = _widen(parameters, training, factor)
         estimator = estimator_of(stored, settings, noise, wide)
         made, _ = own_draws(replace(stored, model=estimator), train, OwnWindows.of(prior=wide), noise, TRIED)
         if made.y.shape[2] < (1 - LOST) * TRIED:
             break
-        share = float((_estimated(estimator, made.until(observed))[1] <= limit).double().mean())
+        share = float((_estimate(estimator, made.until(observed))[1] <= limit).double().mean())
         if share < EXPLAINED:
             break
         ranges, explained = wide, share
@@ -198,11 +198,11 @@ def _of_training(
         raise InputError("first", "missing", "the expert alone has no estimates to start from: give ranges")
     first = first or (None if stored.card.refinement is None else stored.card.refinement.prior)  # of kind alternating
     ranges = None if first is None else {name: (float(low), float(high)) for name, (low, high) in first.items()}
-    z_e, chi2 = _estimated(estimator_of(stored, settings, noise, ranges), train.expand(len(stored.seeds)))
+    z_e, chi2 = _estimate(estimator_of(stored, settings, noise, ranges), train.expand(len(stored.seeds)))
     return _hull(stored.model.system.expert_parameters, z_e), float(torch.quantile(chi2, 1 - FALSE_ALARMS))
 
 
-def _estimated(estimator: LeastSquares, windows: Windows) -> tuple[Tensor, Tensor]:
+def _estimate(estimator: LeastSquares, windows: Windows) -> tuple[Tensor, Tensor]:
     """z_e (S·N, P) and χ² (S·N,) of windows, y (T1, S, N, *state)."""
     estimates = estimator.estimate(windows)
     assert estimates.z_e is not None and estimates.chi2 is not None
@@ -225,7 +225,7 @@ def _beyond(new: Range, old: Range) -> float:
     return max(old[0] - new[0], new[1] - old[1], 0.0) / width
 
 
-def _widened(parameters: Sequence[Parameter], ranges: Mapping[str, Range], factor: float) -> dict[str, Range]:
+def _widen(parameters: Sequence[Parameter], ranges: Mapping[str, Range], factor: float) -> dict[str, Range]:
     """Ranges that go further at both ends: by a factor where a parameter is positive, else by a share of the width."""
     wide = {}
     for p in parameters:

@@ -29,7 +29,7 @@ from expertaug.errors import InputError, SolveError
 from expertaug.inference.coordinates import LatentCoordinates
 from expertaug.inference.expected_error import record_misfits
 from expertaug.inference.held_constants import HeldConstants
-from expertaug.inference.least_squares import WindowFit, refined_by, with_overdispersion
+from expertaug.inference.least_squares import WindowFit, refine_by, with_overdispersion
 from expertaug.inference.levenberg_marquardt import DAMPING, adapt_damping, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
 from expertaug.inference.shared import fit_shared, fit_shared_of_seeds
@@ -281,13 +281,13 @@ class Alternation:
         self.best_score = torch.where(better, score, self.best_score)
         self.best_step = torch.where(better, self.step_, self.best_step)
         for key, value in self.model.state_dict().items():
-            self.best[key] = _chosen(better, value, self.best[key], 0)
+            self.best[key] = _choose(better, value, self.best[key], 0)
         p, q, _ = self.fit.sizes
         z_a = self.x[..., p : p + q]
         latent = torch.stack(moments(z_a))
-        self.best_latent = _chosen(better, latent, self.best_latent, 1)
+        self.best_latent = _choose(better, latent, self.best_latent, 1)
         if self.held is not None:
-            self.constants = _chosen(better, self.held.values, self.constants, 0)
+            self.constants = _choose(better, self.held.values, self.constants, 0)
         return score
 
     def _progress(self, parts: Mapping[str, Tensor]) -> None:
@@ -343,7 +343,7 @@ def _residuals(fit: WindowFit, windows: Tensor, candidates: Tensor, columns: Ten
     return fit.residuals(candidates, windows[:, :, columns])
 
 
-def _chosen(which: Tensor, first: Tensor, second: Tensor, axis: int) -> Tensor:
+def _choose(which: Tensor, first: Tensor, second: Tensor, axis: int) -> Tensor:
     """For each seed ``which`` (S,) its part of the first tensor, for the others of the second; seeds along an axis."""
     shape = [1] * first.dim()
     shape[axis] = len(which)
@@ -440,7 +440,7 @@ class AlternatingTraining:
         refinement = self._with_constants(stored)
         record["refinement"] = refinement
         stored = replace(stored, card=self.card.but(**record))
-        estimator = refined_by(stored, refinement)
+        estimator = refine_by(stored, refinement)
         used = replace(stored, model=estimator)
         record["misfit"] = record_misfits(used, self.checked)
         # As windows will be fitted, with F_a as it is now: what training had at hand lags behind it.

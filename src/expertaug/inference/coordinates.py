@@ -20,7 +20,7 @@ SMALLEST = 1e-3  # of the largest value of the training set: the noise that is a
 LOGISTIC = math.pi / math.sqrt(3)  # standard deviation of the logit of a uniform number
 
 
-def widened_box(system: System, low: Tensor, high: Tensor, margin: float) -> tuple[Tensor, Tensor]:
+def widen_box(system: System, low: Tensor, high: Tensor, margin: float) -> tuple[Tensor, Tensor]:
     """p⁺'s ends (P,) moved outwards by ``margin`` of its widths; a positive parameter stays positive."""
     wide = margin * (high - low).clamp_min(1e-6 * high.abs().clamp_min(1.0))
     positive = torch.tensor([p.positive for p in system.expert_parameters])

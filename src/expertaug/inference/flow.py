@@ -14,7 +14,7 @@ import torch
 import zuko
 from torch import Tensor, nn
 
-from expertaug.inference.coordinates import PriorTransform, widened_box
+from expertaug.inference.coordinates import PriorTransform, widen_box
 from expertaug.inference.posterior_predictive import mean_forecast
 from expertaug.inference.settings import FlowSettings
 from expertaug.learning.augment import prior_ends
@@ -33,7 +33,7 @@ from expertaug.models.posterior import Estimates, Predictor
 from expertaug.models.stacking import SeedWise, stack
 from expertaug.models.store import StoredModel
 from expertaug.systems import System
-from expertaug.systems.inputs import observed as as_observed
+from expertaug.systems.inputs import as_observed
 from expertaug.systems.solvers.solver import Solver
 from expertaug.windows import Windows, fill
 
@@ -299,7 +299,7 @@ def build(base: HybridNet | Decoder, card: ModelCard, latents: Tensor | None = N
         latents: z_a (S, N, Q) of the training windows; None: a file's tensors will say what is known of them.
     """
     of_base, settings, system = card.base, FlowSettings.from_mapping(card.flow), base.system
-    low, high = widened_box(system, *prior_ends(system, card.prior), settings.margin)
+    low, high = widen_box(system, *prior_ends(system, card.prior), settings.margin)
     width = of_base.latent_size if isinstance(base, Decoder) else base.encoder.latent
     components = 0 if base.interaction is None else min(settings.latent, width)
     if latents is None:

@@ -342,7 +342,7 @@ def check_names(system: System, settings: RefinementSettings) -> None:
             raise InputError(f"population.{name}", "a parameter that may be negative", "give normal")
 
 
-def refined_by(stored: StoredModel, refinement: Refinement) -> LeastSquares:
+def refine_by(stored: StoredModel, refinement: Refinement) -> LeastSquares:
     """As :func:`estimator_of`, as a refinement says."""
     prior = None if refinement.prior is None else given_ranges(refinement.prior)
     system = stored.model.system
@@ -374,7 +374,7 @@ def with_overdispersion(stored: StoredModel, refinement: Refinement, train: Traj
     """
     if refinement.overdispersion is not None:
         return refinement
-    estimator, seeds = refined_by(stored, refinement), len(stored.seeds)
+    estimator, seeds = refine_by(stored, refinement), len(stored.seeds)
     fit, some = estimator.fit, Windows.of(train.spread(TOLD)).until(stored.card.observed)
     fit.steps_checked, parts = True, []  # the one that is used tells it
     for part in some.expand(seeds).split(max(1, MEMORY // (8 * seeds * some.joined[:, 0, 0].numel()))):

@@ -99,7 +99,7 @@ def _derivatives(residuals: Residuals, x: Tensor, columns: Tensor) -> tuple[Tens
     """Cost (…, B), JᵀJ (…, B, K, K) and Jᵀr (…, B, K) by forward differences."""
     size = x.shape[-1]
     moves = torch.cat((x.new_zeros(1, size), DIFFERENCE * torch.eye(size, dtype=x.dtype, device=x.device)))
-    values = _limited(residuals(x + moves.view(size + 1, *[1] * (x.dim() - 1), size), columns))
+    values = _limit(residuals(x + moves.view(size + 1, *[1] * (x.dim() - 1), size), columns))
     here = values[0]
     jacobian = ((values[1:] - here) / DIFFERENCE).movedim(0, -1)  # (…, B, M, K)
     transposed = jacobian.transpose(-1, -2)
@@ -113,10 +113,10 @@ def linearise(residuals: Residuals, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 def cost_of(residuals: Tensor) -> Tensor:
     """The sum of squares (…) of residuals (…, M), as the steps compare it."""
-    return _limited(residuals).square().sum(-1)
+    return _limit(residuals).square().sum(-1)
 
 
-def _limited(residuals: Tensor) -> Tensor:
+def _limit(residuals: Tensor) -> Tensor:
     return residuals.nan_to_num(LARGEST, LARGEST, -LARGEST).clamp(-LARGEST, LARGEST)
 
 

@@ -100,12 +100,12 @@ def predictive(
         draws, inputs = [x[:, :, part] for x in (y0, z_e, z_a)], None if u is None else u[:, :, part]
         y = forecasts(estimator.decoder, *draws, t, solver, estimator.bound, inputs)
         if pooled:
-            y = _pooled(y, 2)
+            y = _pool(y, 2)
         means.append(y.mean(0))
         quantiles.append(torch.quantile(y, at, dim=0))
         kept += [y] if keep else []
     if pooled:
-        z_e, z_a = _pooled(z_e, 1), _pooled(z_a, 1)
+        z_e, z_a = _pool(z_e, 1), _pool(z_a, 1)
     return Predictive(
         torch.cat(means, dim=2), torch.cat(quantiles, dim=3), torch.cat(kept, dim=3) if keep else None, z_e, z_a
     )
@@ -157,7 +157,7 @@ def forecasts(
     return clamp_to_bound(y.flatten(2, 3), limit).unflatten(2, (draws, -1)).movedim(2, 0)
 
 
-def _pooled(draws: Tensor, axis: int) -> Tensor:
+def _pool(draws: Tensor, axis: int) -> Tensor:
     """Draws (K, …, S, …) with the seeds' axis as those of one seed, (S·K, …, 1, …)."""
     return draws.movedim(axis, 0).flatten(0, 1).unsqueeze(axis)
 

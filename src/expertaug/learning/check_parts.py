@@ -61,8 +61,8 @@ def check_parts(
     def made(group: list[int]) -> HybridNet:
         model = recipe.build(times, group, likelihood)
         windows, name = samples.until(task.observed), _name(model.interaction)
-        _called(lambda: model.encoder.fit(windows.joined), where, f"fit of {_name(model.encoder)}")
-        _called(lambda: model.decoder.fit(windows.y), where, f"fit of {name}")
+        _call(lambda: model.encoder.fit(windows.joined), where, f"fit of {_name(model.encoder)}")
+        _call(lambda: model.decoder.fit(windows.y), where, f"fit of {name}")
         return model
 
     samples = _samples(recipe, task) if samples is None else samples
@@ -95,7 +95,7 @@ def _check_encoder(model: HybridNet, observed: Windows, where: str) -> None:
     name, system = _name(model.encoder), model.system
     seeds, samples = observed.y.shape[1:3]
     with torch.no_grad():
-        means, again = (_called(lambda: model.encode(observed).mean, where, name) for _ in range(2))
+        means, again = (_call(lambda: model.encode(observed).mean, where, name) for _ in range(2))
     sizes = len(system.expert_parameters), model.encoder.latent
     for part, mean, size in zip(("z_e", "z_a"), means, sizes, strict=True):
         _check_tensor(mean, (seeds, samples, size), where, f"{name}'s {part}")
@@ -117,7 +117,7 @@ def _check_interaction(model: HybridNet, batch: Windows, where: str) -> None:
         return _rates(model, batch, model.interaction.context(z_a, z_e))
 
     with torch.no_grad():
-        first, again = (_called(rates, where, name) for _ in range(2))
+        first, again = (_call(rates, where, name) for _ in range(2))
     _check_tensor(first, tuple(batch.y[0].shape), where, f"{name}'s rates")
     _check_same((first,), (again,), where, name)
 
@@ -153,7 +153,7 @@ def _check_step(model: HybridNet, objective: Objective, batch: Windows, task: Ta
         objective.begin(model, whole, task)
         return objective.loss(model, whole, task)
 
-    outcome = _called(step, where, name)
+    outcome = _call(step, where, name)
     if not isinstance(outcome, tuple) or len(outcome) != 2 or not isinstance(outcome[1], dict):
         raise InputError(
             where, f"{name}.loss gives {type(outcome).__name__}", "return the loss and a dict of its parts"
@@ -169,7 +169,7 @@ def _check_step(model: HybridNet, objective: Objective, batch: Windows, task: Ta
         raise InputError(where, f"{name}.loss gives no part called loss", "name the loss itself too: it is logged")
     if not loss.requires_grad:
         raise InputError(where, f"{name}.loss has no gradient", "detach the parts, not the loss")
-    _called(lambda: loss.sum().backward(), where, name)
+    _call(lambda: loss.sum().backward(), where, name)
     for key, parameter in model.named_parameters():
         if parameter.grad is not None and not torch.isfinite(parameter.grad).all():
             raise InputError(where, f"the gradient of {name}.loss by {key} is not finite", "avoid √ and division at 0")
@@ -209,7 +209,7 @@ def _size(tensor: Tensor) -> float:
     return max(float(tensor.abs().max()), 1e-12) if tensor.numel() else 1.0
 
 
-def _called(call: Callable, where: str, name: str) -> Any:
+def _call(call: Callable, where: str, name: str) -> Any:
     """What a part gives; any exception as one line."""
     try:
         return call()

@@ -52,7 +52,7 @@ def within_bound(y: Tensor, bound: Tensor | None) -> Tensor:
     y = y.detach()
     near = torch.isfinite(y)
     if bound is not None:
-        near = near & (y.abs() <= _shaped(bound, y))
+        near = near & (y.abs() <= _shape(bound, y))
     return near.movedim(0, 2).flatten(2).all(-1)
 
 
@@ -60,7 +60,7 @@ def clamp_to_bound(y: Tensor, bound: Tensor | None) -> Tensor:
     """Forecasts y (T, S, B, *state) with what lies beyond the bound (K,) or (B, K), or is no number, moved to it."""
     if bound is None:
         return y
-    limit = _shaped(bound, y).expand_as(y)
+    limit = _shape(bound, y).expand_as(y)
     return torch.where(torch.isnan(y), limit, y.clamp(-limit, limit))
 
 
@@ -107,7 +107,7 @@ class BoundedSolver:
         return self.solver(stopped, y0, *args, **named)
 
 
-def _shaped(bound: Tensor, y: Tensor) -> Tensor:
+def _shape(bound: Tensor, y: Tensor) -> Tensor:
     return bound.to(y).view(*bound.shape, *[1] * (y.dim() - 4))
 
 

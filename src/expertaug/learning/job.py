@@ -65,7 +65,7 @@ class Job(Progress):
         self._kept: Mapping[int, Snapshot] | None = None
 
     def __enter__(self) -> Self:
-        self._open.enter_context(locked(self.work))
+        self._open.enter_context(lock_job(self.work))
         return self
 
     def __exit__(
@@ -204,12 +204,12 @@ def _digest(fingerprint: bytes, payload: bytes | memoryview) -> bytes:
 
 
 @contextmanager
-def locked(work: Path) -> Iterator[None]:
+def lock_job(work: Path) -> Iterator[None]:
     """Hold the job's lock, a file beside ``work``: a killed workflow may leave its job running.
 
     Raises:
         InputError: another process holds it.
     """
     lock = Path(work).with_name(f"{Path(work).name}.lock")
-    with files.locked(lock, held="another process is running this job"):
+    with files.lock_file(lock, held="another process is running this job"):
         yield

@@ -203,7 +203,7 @@ def prepare(
     task = task_of(options.training, card, device)
 
     def again(places: Sequence[int], number: int) -> Training:
-        changed = _begun_anew(options, places, number)
+        changed = _begin_anew(options, places, number)
         return prepare(recipe, train, validation, changed, described, objective, classes, forecast_solver)
 
     return prepare_training(
@@ -219,7 +219,7 @@ def prepare(
     )
 
 
-def _begun_anew(options: TrainOptions, places: Sequence[int], number: int) -> TrainOptions:
+def _begin_anew(options: TrainOptions, places: Sequence[int], number: int) -> TrainOptions:
     """Options of some of the group's seeds, with other random numbers than any seed has."""
     seeds, training = [options.seeds[place] + number * FURTHER for place in places], options.training
     own = dict(training.objective or {})

@@ -205,7 +205,7 @@ class Trainer:
             logger.warning("%s: seed %d cannot be trained and is left out: %s", self.name, seed, reason)
         with torch.no_grad():
             for key, value in self.model.state_dict().items():
-                value.copy_(_chosen(which, self.best[key], value))
+                value.copy_(_choose(which, self.best[key], value))
 
     @torch.no_grad()
     def score(self) -> Tensor:
@@ -286,7 +286,7 @@ class Trainer:
         self.best_score = torch.where(better, score, self.best_score)
         self.best_epoch = torch.where(better, self.epoch, self.best_epoch)
         for key, value in self.model.state_dict().items():
-            self.best[key] = _chosen(better, value, self.best[key])
+            self.best[key] = _choose(better, value, self.best[key])
         return score
 
     def _progress(self, step: int, steps: int, parts: Mapping[str, Tensor], running: float) -> None:
@@ -343,7 +343,7 @@ class Trainer:
         return adopted
 
 
-def _chosen(which: Tensor, first: Tensor, second: Tensor) -> Tensor:
+def _choose(which: Tensor, first: Tensor, second: Tensor) -> Tensor:
     """For each seed ``which`` (S,) its part of the first stacked tensor, for the others of the second."""
     return torch.where(which.to(first.device).view(-1, *[1] * (first.dim() - 1)), first, second)
 

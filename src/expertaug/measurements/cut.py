@@ -14,7 +14,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.measurements.chunks import choose_chunks, rows_of, space_out, stride_of, thin_out
-from expertaug.measurements.grid import Grid, Series, on_grid, told_uneven
+from expertaug.measurements.grid import Grid, Series, describe_uneven, on_grid
 from expertaug.measurements.names import Names
 from expertaug.measurements.noise import noise_of, noise_of_rows
 from expertaug.measurements.paths import list_files, verify
@@ -121,7 +121,7 @@ class Measured:
         return {name: float(present[:, k].mean()) for k, name in enumerate(self.names.state) if self.seen[k]}
 
 
-def measured(settings: MeasurementSettings, names: Names, tables: Mapping[Path, Table] | None = None) -> Measured:
+def measure(settings: MeasurementSettings, names: Names, tables: Mapping[Path, Table] | None = None) -> Measured:
     """Read the files and put their trajectories on a grid; the files are never changed.
 
     Arguments:
@@ -220,7 +220,7 @@ def _refuse_too_long(data: Measured) -> None:
 
 def _off_grid_or(data: Measured, remedy: str) -> str:
     """What would help: where rows lie off the grid, or sensors have rates of their own, nothing else does."""
-    if said := told_uneven(data.grid):
+    if said := describe_uneven(data.grid):
         return said
     shares = data.shares_seen() if data.grid.share == 1 else {}
     if shares and (mean := sum(shares.values()) / len(shares)) < data.settings.min_seen:
@@ -234,7 +234,7 @@ def _by_name(data: Measured, usable: list[np.ndarray]) -> list[np.ndarray]:
     split, labels = data.settings.split, []
     values: dict[str, None] = {}
     for trajectory, free in zip(data.grid.series, usable, strict=True):
-        texts = np.full(len(free), _name_of(trajectory)) if split.by == "file" else _filled(trajectory)
+        texts = np.full(len(free), _name_of(trajectory)) if split.by == "file" else _fill(trajectory)
         label = np.full(len(free), -1, dtype=np.int8)
         for value in dict.fromkeys(texts):
             values[str(value)] = None
@@ -259,7 +259,7 @@ def _name_of(series: Series) -> str:
     return series.rows.path.name
 
 
-def _filled(series: Series) -> np.ndarray:
+def _fill(series: Series) -> np.ndarray:
     """The column's text of each point, of one without a row that of the row before."""
     assert series.label is not None
     last = np.maximum.accumulate(np.where(series.row >= 0, np.arange(len(series.row)), 0))

@@ -83,7 +83,7 @@ class Grid:
         return times_of(points, self.step_s) if self.rate_hz is None else np.arange(points) / self.rate_hz
 
 
-def told_uneven(grid: Grid) -> str:
+def describe_uneven(grid: Grid) -> str:
     """What is said of rows that lie off the grid and end a stretch, or on few of its points; else empty."""
     remedy = "set uneven to own to keep their times"
     if grid.broken:
@@ -101,7 +101,7 @@ def on_grid(trajectories: Sequence[Rows], settings: MeasurementSettings) -> Grid
         InputError: the rows fit no grid, or ``step_s`` is no multiple of their step.
     """
     median = own_step(trajectories)
-    make = {"mask": _of_rows, "interpolate": _interpolated, "own": _at_own_times}[settings.uneven]
+    make = {"mask": _of_rows, "interpolate": _interpolate, "own": _at_own_times}[settings.uneven]
     grid = make(trajectories, settings, median)
     usual = grid.row_s if settings.uneven == "mask" else median
     longest = (settings.longest_gap + 1.5) * usual / grid.row_s
@@ -130,7 +130,7 @@ def _of_rows(trajectories: Sequence[Rows], settings: MeasurementSettings, median
         row_s = settings.step_s / step
     series, broken = [], 0
     for rows in trajectories:
-        made, off = _placed(rows, row_s, settings)
+        made, off = _place(rows, row_s, settings)
         series.append(made)
         broken += off
     on = 1 - broken / max(sum(len(trajectory.t) - 1 for trajectory in trajectories), 1)
@@ -184,7 +184,7 @@ def times_of(points: int, step_s: float) -> np.ndarray:
     return counts / rate if abs(rate * step_s - 1) < 1e-12 else counts * step_s
 
 
-def _placed(rows: Rows, row_s: float, settings: MeasurementSettings) -> tuple[Series, int]:
+def _place(rows: Rows, row_s: float, settings: MeasurementSettings) -> tuple[Series, int]:
     """Rows at their points; and how many steps lie off the grid."""
     steps = np.diff(rows.t) / row_s
     whole = np.maximum(np.rint(steps), 1)
@@ -226,7 +226,7 @@ def _series(rows: Rows, row: np.ndarray, usable: np.ndarray) -> Series:
     return Series(rows, t, row, y, u, usable, spread(rows.level), spread(rows.label))
 
 
-def _interpolated(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
+def _interpolate(trajectories: Sequence[Rows], settings: MeasurementSettings, median: float) -> Grid:
     """Points every ``step_s`` by cubic splines through the rows of each stretch without a long gap."""
     step_s = round_step(median) if settings.step_s is None else settings.step_s
     longest = (settings.longest_gap + 1.5) * median
@@ -238,8 +238,8 @@ def _interpolated(trajectories: Sequence[Rows], settings: MeasurementSettings, m
             if len(parts):
                 parts.append((np.array([np.nan]), np.full((1, rows.y.shape[1]), np.nan), np.array([-1])))
             own = slice(int(first), int(last))
-            parts.append(_resampled(rows, own, step_s, 1.5 * median))
-            error, count = _left_out(rows.t[own], rows.y[own], 2.5 * median)
+            parts.append(_resample(rows, own, step_s, 1.5 * median))
+            error, count = _leave_out(rows.t[own], rows.y[own], 2.5 * median)
             squares, counts = squares + error, counts + count
         t, y, row = (np.concatenate([part[k] for part in parts]) for k in range(3))
         usable = np.isfinite(t)
@@ -280,7 +280,7 @@ def _at_own_times(trajectories: Sequence[Rows], settings: MeasurementSettings, m
     return Grid(series, step_s, 1, 0, None, share=step_s / median, moved=moved)
 
 
-def _resampled(rows: Rows, own: slice, step_s: float, near: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _resample(rows: Rows, own: slice, step_s: float, near: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, states and the nearest row of a stretch's points; NaN where no rows lie close on both sides."""
     t = rows.t[own]
     at = t[0] + step_s * np.arange(int((t[-1] - t[0]) / step_s + 1e-6) + 1)
@@ -316,7 +316,7 @@ def _lines(rows: Rows, at: np.ndarray, near: float) -> np.ndarray:
     return np.array(lines).reshape(len(lines), len(at)).T
 
 
-def _left_out(t: np.ndarray, y: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
+def _leave_out(t: np.ndarray, y: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
     """Squared errors and how many (K,), where every other row is found from the rest."""
     squares, counts = np.zeros(y.shape[1]), np.zeros(y.shape[1])
     for k, values in enumerate(y.T):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from expertaug.errors import InputError
 from expertaug.measurements.chunks import MOST_LONG, thin_out
-from expertaug.measurements.cut import Measured, candidates, divide, measured, trajectories_of
+from expertaug.measurements.cut import Measured, candidates, divide, measure, trajectories_of
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings, points_in
 from expertaug.measurements.splitting import SPLITS, stretches
@@ -30,7 +30,7 @@ def cut_measured_horizon(
     Raises:
         InputError: a file cannot be used, or no stretch of the split's points is as long as that.
     """
-    long_set(measured(settings.of_files(files), names), name).save(Path(output))
+    long_set(measure(settings.of_files(files), names), name).save(Path(output))
 
 
 def long_set(data: Measured, name: str) -> Trajectories:

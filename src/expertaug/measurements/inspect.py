@@ -12,8 +12,8 @@ import numpy as np
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.measurements import sensors
-from expertaug.measurements.cut import Measured, measured
-from expertaug.measurements.grid import LYING, told_uneven
+from expertaug.measurements.cut import Measured, measure
+from expertaug.measurements.grid import LYING, describe_uneven
 from expertaug.measurements.guess import Guess, guess
 from expertaug.measurements.layout import recognise
 from expertaug.measurements.names import Names
@@ -88,7 +88,7 @@ class Inspection:
         self._look_at_sensors()
         if angles := self._angles():
             self.settings = self.settings.model_copy(update={"angles": angles})
-            self.data = measured(self.settings, self.names, {self.files[0]: self.table})
+            self.data = measure(self.settings, self.names, {self.files[0]: self.table})
         assert self.data.noise is not None and self.data.resolution is not None
         self.noise, self.resolution = self.data.noise, self.data.resolution
         self.slopes = self.data.slopes_off()
@@ -138,7 +138,7 @@ class Inspection:
                 if "uneven" in mend[0]:
                     keys |= self._finest_step()
                 continue
-            said = told_uneven(data.grid)
+            said = describe_uneven(data.grid)
             if said:
                 self.remarks.append(said)
             if data.grid.lying >= (ON if data.grid.broken else LYING) or "uneven" in keys or self.names.held:
@@ -149,7 +149,7 @@ class Inspection:
         """What these settings read, without what a column of any of the files has in place of measured numbers."""
         while True:
             try:
-                return measured(settings, self.names, {self.files[0]: self.table})
+                return measure(settings, self.names, {self.files[0]: self.table})
             except sensors.Marked as error:
                 self._leave_out(error.marks)
                 keys = settings.model_dump(exclude_unset=True) | {"missing": self._marks}
@@ -303,7 +303,7 @@ class Inspection:
         """A picture of the first trajectories: every component against time."""
         series = self.data.grid.series[:SHOWN]
         shown = [k for k, name in enumerate(self.names.state) if name in self.settings.columns]
-        with plotting.styled():
+        with plotting.use_style():
             figure = plotting.new_figure(0.6 + 1.5 * len(shown))
             axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
             for axis, k in zip(axes, shown, strict=True):

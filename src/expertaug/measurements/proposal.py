@@ -70,7 +70,7 @@ def proposal(
     if "phases" in settings:
         remarks["step_s"] = "chunks of successive rows would end within a swing"
     unseen = [name for name in inspection.names.state if name not in settings["columns"]]
-    start = {name: _guessed(inspection) for name in unseen}
+    start = {name: _guess(inspection) for name in unseen}
     prior = {name: [float(f"{end:.6g}") for end in ends] for name, ends in priors.items()}
     # Windows share constants of the apparatus; what gives the first point is each window's own.
     sharing = bool(constants) or system is None
@@ -80,7 +80,7 @@ def proposal(
     training = {"epochs": 200, "batch_size": 20, "learning_rate": 3e-3, "horizon_warmup": 0.3, "expert_first": 0.2}
     blocks = [
         *([comment(said)] if (said := cut.told_short()) else []),
-        f"# next: expertaug validate FILE; snakemake --cores 2 --configfile FILE   ({_told(rows)})",
+        f"# next: expertaug validate FILE; snakemake --cores 2 --configfile FILE   ({_count(rows)})",
         "results: results/measured",
         f"run: [{NAME}]",
         "experiments:",
@@ -242,7 +242,7 @@ def _plain(settings: MeasurementSettings) -> dict:
     return dumped
 
 
-def _guessed(inspection: Inspection) -> list[float]:
+def _guess(inspection: Inspection) -> list[float]:
     """A range for what nobody measured: twice the largest rate of a measured component."""
     rates = [
         np.abs(np.diff(trajectory.rows.y, axis=0) / np.diff(trajectory.rows.t)[:, None])
@@ -254,7 +254,7 @@ def _guessed(inspection: Inspection) -> list[float]:
     return [-size, size]
 
 
-def _told(rows: Mapping[str, np.ndarray]) -> str:
+def _count(rows: Mapping[str, np.ndarray]) -> str:
     return ", ".join(f"{len(of)} {name}" for name, of in rows.items()) + " chunks"
 
 
@@ -262,11 +262,11 @@ class _OneLine(yaml.SafeDumper):
     """Texts with line breaks or other signs that are not seen are written escaped, within double quotes."""
 
 
-def _written(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+def _write(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=None if text.isprintable() else '"')
 
 
-_OneLine.add_representer(str, _written)
+_OneLine.add_representer(str, _write)
 
 
 def flow(value: object) -> str:

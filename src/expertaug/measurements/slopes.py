@@ -138,15 +138,15 @@ def _fit(each: Sequence[_Windows], lag: int) -> Slope | None:
     x, z = np.stack((change, duration), 1), np.stack((instrument, duration), 1)
     weights = np.ones(len(block))
     for _ in range(ROUNDS):
-        beta = _solved(z.T @ (weights[:, None] * x), z.T @ (weights * integral))
+        beta = _solve(z.T @ (weights[:, None] * x), z.T @ (weights * integral))
         left = np.abs(integral - x @ beta)
         size = 1.4826 * float(np.median(left))
         weights = np.square(np.clip(1 - np.square(left / (FAR * size)), 0, None)) if size > 0 else (left <= 0) * 1.0
     squares = np.stack([z[block == k].T @ (weights[block == k, None] * x[block == k]) for k in range(count)])
     products = np.stack([z[block == k].T @ (weights[block == k] * integral[block == k]) for k in range(count)])
-    without = [_solved(squares.sum(0) - a, products.sum(0) - b)[0] for a, b in zip(squares, products, strict=True)]
+    without = [_solve(squares.sum(0) - a, products.sum(0) - b)[0] for a, b in zip(squares, products, strict=True)]
     error = float(np.sqrt((count - 1) / count * np.square(without - np.mean(without)).sum()))
-    factor = float(_solved(squares.sum(0), products.sum(0))[0])
+    factor = float(_solve(squares.sum(0), products.sum(0))[0])
     if not np.isfinite(factor + error):
         return None
     kept = weights > 0
@@ -155,7 +155,7 @@ def _fit(each: Sequence[_Windows], lag: int) -> Slope | None:
     return Slope(factor, error, count, agreement)
 
 
-def _solved(square: np.ndarray, product: np.ndarray) -> np.ndarray:
+def _solve(square: np.ndarray, product: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(square, product, rcond=1e-12)[0]
 
 

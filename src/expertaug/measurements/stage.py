@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from expertaug.files import atomic, sha256, write_json
-from expertaug.measurements.cut import Divided, Measured, measured, sets_of
+from expertaug.measurements.cut import Divided, Measured, measure, sets_of
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings
 from expertaug.measurements.windows import KEPT
@@ -30,7 +30,7 @@ def cut_measurements(
         InputError: a file cannot be used, or a set has too few chunks.
     """
     output_dir = Path(output_dir)
-    data = measured(settings.of_files(files), names)
+    data = measure(settings.of_files(files), names)
     data.warn_of_slopes()
     divided = sets_of(data)
     data.warn_of_short()

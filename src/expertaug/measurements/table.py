@@ -238,10 +238,10 @@ def read_table(path: str | Path, keys: TableKeys) -> Table:
     table = kinds.get(path.suffix.lower(), _read_text)(path, keys)
     if not len(table):
         raise InputError(path, "holds no rows", "give a table with a row for each time")
-    return table if keys.pivot is None else pivoted(table, keys.pivot)
+    return table if keys.pivot is None else pivot_table(table, keys.pivot)
 
 
-def pivoted(table: Table, pivot: Pivot) -> Table:
+def pivot_table(table: Table, pivot: Pivot) -> Table:
     """A table in long format with a column for each sensor, and a row for each moment.
 
     Raises:
@@ -379,7 +379,7 @@ def _read_large(path: Path, keys: TableKeys) -> Table | None:
             for k, column in parsed.items():
                 column[here] = part[k]
             for k, column in worded.items():
-                column[here] = _shared(part[k], shared)
+                column[here] = _share_texts(part[k], shared)
             read_rows += len(part)
     except (ValueError, OverflowError):  # cells too many, or numbers too large
         return None
@@ -393,7 +393,7 @@ def _read_large(path: Path, keys: TableKeys) -> Table | None:
         k = first.names.index(name)
         of_one = {"usecols": [k], "dtype": object, "na_filter": False, "skiprows": skipped, "chunksize": ROWS_AT_ONCE}
         parts = pd.read_csv(path, names=places, **options | of_one)
-        return np.concatenate([_shared(part[k], shared) for part in parts])
+        return np.concatenate([_share_texts(part[k], shared) for part in parts])
 
     cells = {}
     for k, name in enumerate(first.names):
@@ -406,7 +406,7 @@ def _read_large(path: Path, keys: TableKeys) -> Table | None:
     return Table(path, cells, first.line[0] + np.arange(rows), first.units, keys, texts)
 
 
-def _shared(column: Any, shared: dict[str, str]) -> np.ndarray:
+def _share_texts(column: Any, shared: dict[str, str]) -> np.ndarray:
     """A column (n,) of texts without blanks around them, of which those that come again are one object.
 
     Arguments:

@@ -151,7 +151,7 @@ def check_seconds(table: Table, name: str, t: np.ndarray) -> None:
     first, steps, whole = float(values[0]), np.abs(np.diff(values)), bool((values == values.round()).all())
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     epoch = is_since_1970(first)
-    if whole and (pattern := _written_as(values)) is not None:
+    if whole and (pattern := _find_format(values)) is not None:
         problem = f"starts at {first:.0f}, as if it held {'dates' if 'y' in pattern else 'times of day'} ({pattern})"
         raise InputError(table.path, f"column '{name}' {problem}", "write them as 2024-05-31 10:59:50")
     if epoch is not None:
@@ -190,7 +190,7 @@ def _is_part_of_day(step: float) -> bool:
     return 1 <= whole <= DAY // 2 and abs(seconds - whole) < 1e-2 and abs(step / float(f"{step:.2g}") - 1) > 1e-4
 
 
-def _written_as(values: np.ndarray) -> str | None:
+def _find_format(values: np.ndarray) -> str | None:
     """How whole numbers (n,) may be dates or times of day; None of others."""
     ends = [int(value) for value in values[[0, -1]]]
     for pattern, clock in (("yyyymmdd", 1), ("yyyymmddhhmm", 10**4), ("yyyymmddhhmmss", 10**6)):

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from expertaug.errors import InputError
-from expertaug.measurements.cut import candidates, measured, trajectories_of
+from expertaug.measurements.cut import candidates, measure, trajectories_of
 from expertaug.measurements.names import Names
 from expertaug.measurements.settings import MeasurementSettings
 
@@ -57,7 +57,7 @@ def latest_windows(
     driven = bool(names.inputs)
     points = len(t) if driven else observed
     read = _as_windows(settings, paths, points, float(t[1] - t[0]), driven)
-    data = measured(read, names)
+    data = measure(read, names)
     rows = candidates(data, [np.where(trajectory.usable, 0, -1) for trajectory in data.grid.series])["train"]
     latest = np.array([rows[rows[:, 0] == k][-1] for k in np.unique(rows[:, 0])], dtype=int).reshape(-1, 2)
     series = data.grid.series
@@ -96,9 +96,9 @@ def settings_of(model: Path, source: Path | None) -> MeasurementSettings | None:
     if source is None:
         near = [folder / "data" / REPORT for folder in model.resolve().parents[:4]]
         reports = [path for path in near if path.is_file()]
-        return _kept(reports[0]) if reports else None
+        return _read_kept(reports[0]) if reports else None
     if source.suffix == ".json":
-        settings = _kept(source)
+        settings = _read_kept(source)
         if settings is None:
             raise InputError(source, f"has no key {KEPT}", "give splits.json of a run's data, or its configuration")
         return settings
@@ -117,7 +117,7 @@ def settings_of(model: Path, source: Path | None) -> MeasurementSettings | None:
     return MeasurementSettings.from_mapping(experiments[0])
 
 
-def _kept(report: Path) -> MeasurementSettings | None:
+def _read_kept(report: Path) -> MeasurementSettings | None:
     try:
         content = json.loads(report.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

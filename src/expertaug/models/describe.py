@@ -123,7 +123,7 @@ def foreign(card: ModelCard, has_parts: bool = True) -> Iterator[str]:
     yield from (kind for kind in kinds if not is_built_in(kind))
 
 
-def trusted(classes: Collection[str | Callable]) -> tuple[set[str], dict[str, Callable]]:
+def list_trusted(classes: Collection[str | Callable]) -> tuple[set[str], dict[str, Callable]]:
     """Names that may be imported, and classes by name, from a list of both."""
     if isinstance(classes, str) or not isinstance(classes, Collection):
         raise InputError("classes", f"found {classes!r}", "give a list of classes or of their names, module:Class")

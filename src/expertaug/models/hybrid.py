@@ -20,7 +20,7 @@ from expertaug.models.settings import PARTS
 from expertaug.models.stacking import Network, stack
 from expertaug.models.user_modules import encoder_of, interaction_of
 from expertaug.systems import System
-from expertaug.systems.inputs import observed, states_of
+from expertaug.systems.inputs import as_observed, states_of
 from expertaug.systems.solvers.solver import Solver
 from expertaug.windows import Windows
 
@@ -142,7 +142,7 @@ class HybridModel:
     ) -> HybridNet:
         """One network from torch's random state as it is, not stacked; arguments as :meth:`build`."""
         times = torch.as_tensor(times, dtype=torch.float64)
-        seen = observed(self.system)
+        seen = as_observed(self.system)
         encoder = encoder_of(_make("encoder", self.encoder, system=seen, times=times), seen)
         interaction = None
         if self.interaction is not None:
@@ -183,7 +183,7 @@ def _one_a_seed(build: Callable[[], Network], seeds: Sequence[int]) -> Network:
     return stack(models)
 
 
-def _resolved(part: str, spec: Part) -> tuple[type, str, dict]:
+def _resolve(part: str, spec: Part) -> tuple[type, str, dict]:
     """Class, name for messages and arguments of any form of a part."""
     where = f"model.{part}.kind"
     if isinstance(spec, Mapping):
@@ -201,7 +201,7 @@ def _resolved(part: str, spec: Part) -> tuple[type, str, dict]:
 
 
 def _make(part: str, spec: Part, **fixed: object) -> nn.Module:
-    cls, name, arguments = _resolved(part, spec)
+    cls, name, arguments = _resolve(part, spec)
     accepted = registry.arguments(cls)
     if accepted is not None:
         free = sorted(set(accepted) - set(fixed))

@@ -241,15 +241,13 @@ class Estimates:
         tensors = {name: changed(getattr(self, name)) for name in ("y0", "z_e", "z_a", "chi2", "root", "stuck")}
         posterior = self.posterior
         if posterior is not None:
-            posterior = replace(
-                posterior, z_e=_transformed(posterior.z_e, change), z_a=_transformed(posterior.z_a, change)
-            )
+            posterior = replace(posterior, z_e=_transform(posterior.z_e, change), z_a=_transform(posterior.z_a, change))
             posterior = replace(posterior, z_a_used=changed(posterior.z_a_used), filtered=None)
         draws = None if self.draws is None else tuple(change(value) for value in self.draws)
         return replace(self, **tensors, posterior=posterior, draws=draws)
 
 
-def _transformed(distribution: Delta | Gaussian, change: Callable[[Tensor], Tensor]) -> Delta | Gaussian:
+def _transform(distribution: Delta | Gaussian, change: Callable[[Tensor], Tensor]) -> Delta | Gaussian:
     if isinstance(distribution, Gaussian):
         return Gaussian(change(distribution.loc), change(distribution.log_std), distribution.parameters)
     return Delta(change(distribution.loc), distribution.scale)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -36,8 +36,8 @@ class Sensors:
         """
         check_components(system, constants)
         each = [constants.get(p.name) or SensorConstants() for p in system.state]
-        scale = _stacked([1.0 if sensor.scale is None else sensor.scale.held for sensor in each])
-        offset = _stacked([0.0 if sensor.offset is None else sensor.offset.held for sensor in each])
+        scale = _stack([1.0 if sensor.scale is None else sensor.scale.held for sensor in each])
+        offset = _stack([0.0 if sensor.offset is None else sensor.offset.held for sensor in each])
         return cls(scale, offset, len(system.state_shape))
 
     def measured(self, states: Tensor) -> Tensor:
@@ -61,13 +61,13 @@ class Sensors:
         return constants.to(like).view(*constants.shape, *[1] * (self.axes - 1))
 
 
-def _stacked(each: Sequence[float | Sequence[float]]) -> Tensor:
+def _stack(each: Sequence[float | Sequence[float]]) -> Tensor:
     """Constants of K components: (K,), or (S, 1, K) where seeds have their own."""
     values = torch.stack(torch.broadcast_tensors(*(torch.tensor(x, dtype=torch.float64) for x in each)), dim=-1)
     return values.unsqueeze(1) if values.dim() > 1 else values
 
 
-def check_components(system: System, names: Mapping[str, object]) -> None:
+def check_components(system: System, names: Iterable[str]) -> None:
     """Refuse sensors of what is no component of the state.
 
     Raises:

@@ -51,7 +51,7 @@ ACTIVATION = "activation function of the network"
 
 
 class PartSettings(Settings):
-    """Arguments of a class that a model is made of; :func:`configured_by` gives them to the class.
+    """Arguments of a class that a model is made of; :func:`configure_by` gives them to the class.
 
     Attributes:
         CLASS: ``module:Class`` in the folder of its part.
@@ -69,7 +69,7 @@ class PartSettings(Settings):
         return {name: field for name, field in cls.model_fields.items() if name != "kind"}
 
 
-def configured_by(settings: type[PartSettings]) -> Callable[[type[Module]], type[Module]]:
+def configure_by(settings: type[PartSettings]) -> Callable[[type[Module]], type[Module]]:
     """A class whose constructor hands ``**options`` to ``settings``: its signature and the end of its docstring, its
     arguments, are made from these."""
 
@@ -331,7 +331,7 @@ INTERACTION = _part("interaction", INTERACTIONS, ("system", "latent", "times"))
 PARTS = {part.name: part for part in (ENCODER, INTERACTION)}
 
 
-def _checked(value: dict[str, Any], kinds: Mapping[str, type[Settings]], name: str) -> dict[str, Any]:
+def _check(value: dict[str, Any], kinds: Mapping[str, type[Settings]], name: str) -> dict[str, Any]:
     """Settings of a class, by its name under a key, where that is one of the package's own; others know their own."""
     called = value.get(name)
     if not isinstance(called, str) or (called not in kinds and not set(".:") & set(called)):
@@ -347,15 +347,15 @@ def _checked(value: dict[str, Any], kinds: Mapping[str, type[Settings]], name: s
 
 
 def _encoder(value: dict[str, Any]) -> dict[str, Any]:
-    return _checked(value, ENCODERS, "kind")
+    return _check(value, ENCODERS, "kind")
 
 
 def _interaction(value: dict[str, Any]) -> dict[str, Any]:
-    return _checked(value, INTERACTIONS, "kind")
+    return _check(value, INTERACTIONS, "kind")
 
 
 def _system(value: dict[str, Any]) -> dict[str, Any]:
-    return _checked(value, SYSTEMS, "name")
+    return _check(value, SYSTEMS, "name")
 
 
 SystemKeys = Annotated[dict[str, Any], AfterValidator(_system)]

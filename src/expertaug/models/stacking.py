@@ -22,6 +22,7 @@ from expertaug.errors import InputError
 RANDOM = "draws random numbers, which cannot be reproduced for each seed"
 WITHOUT_RANDOM = "leave random layers such as dropout out"
 Parts = tuple[Tensor | None, ...]
+State = dict[str, Tensor]  # parameters or buffers by name
 Network = TypeVar("Network", bound=nn.Module)
 
 
@@ -140,7 +141,7 @@ class SeedWise(nn.Module):
             return finish(getattr(self.module, method)(*arguments))
         parameters, buffers = dict(self.module.named_parameters()), dict(self.module.named_buffers())
 
-        def one(parameters: dict, buffers: dict, *arguments: Tensor) -> tuple[Parts, dict[str, Tensor]]:
+        def one(parameters: State, buffers: State, *arguments: Tensor) -> tuple[Parts, dict[str, Tensor]]:
             own = {f"module.{k}": v for k, v in (parameters | buffers).items()}
             returned, after = functional_call(self.__dict__["_caller"], own, (method, *arguments))
             return finish(returned), after
@@ -186,8 +187,8 @@ class SeedWise(nn.Module):
     def _in_turn(
         self,
         function: Callable,
-        parameters: dict,
-        buffers: dict,
+        parameters: State,
+        buffers: State,
         arguments: Sequence[Tensor],
         axes: Sequence[int | None],
     ) -> tuple[Parts, dict[str, Tensor]]:

@@ -148,7 +148,7 @@ def restore(
     classes: Collection[str | Callable] = (),
 ) -> StoredModel:
     """The model that a file's card and tensors make; see :func:`load`."""
-    allowed, made = describe.trusted(classes)
+    allowed, made = describe.list_trusted(classes)
     if ":" not in card.kind and card.kind not in ESTIMATORS:
         problem = f"describes no model of these (kind: found '{card.kind}')"
         raise InputError(path, problem, "read it as expertaug.load does")

@@ -100,7 +100,7 @@ def of_config(config: Configuration, published: Path) -> list[Row]:
     Raises:
         InputError: the folder holds no published run.
     """
-    asked, history = list(_jobs(config)), _published(published)
+    asked, history = list(_jobs(config)), _read_published(published)
     if not history:
         raise InputError("--published", f"no published run in '{published}'", "give the folder that holds them")
     runs = Counter(seen.run for job in asked for seen in history.get(job[:3], []) if seen.job == job)
@@ -163,7 +163,7 @@ def _work(settings: Experiment | _PublishedExperiment, stage: str, variant: str,
     return float(next(iter(said), 1) * (train.size if train is not None else 1) * seeds)
 
 
-def _published(folder: Path) -> dict[tuple[str, str, str], list[Seen]]:
+def _read_published(folder: Path) -> dict[tuple[str, str, str], list[Seen]]:
     """What jobs of every published run took, by stage, experiment and version."""
     history: dict[tuple[str, str, str], list[Seen]] = {}
     for path in sorted(Path(folder).glob("*/config.yaml")):

@@ -57,7 +57,7 @@ class Watch(logging.Handler):
 
     def first_estimate(self) -> str:
         """How long the run will take, in one line."""
-        jobs, published = self.jobs(), costs.published(self.published)
+        jobs, published = self.jobs(), costs.read_published(self.published)
         name = eta.closest(published, jobs)
         cores = f"{self.cores} core{'s' * (self.cores > 1)}"
         if not published and not self.measured():
@@ -142,7 +142,7 @@ class Watch(logging.Handler):
 
     def refusals(self) -> list[str]:
         """One line for each job that failed: what it said last, and where its log lies."""
-        return [_said(rule, logs) for rule, logs in self.failed.values()]
+        return [_say(rule, logs) for rule, logs in self.failed.values()]
 
     def rule_of(self, jobid: int) -> str:
         """The name of a job's rule; Snakemake does not tell it of a job that was stopped."""
@@ -166,7 +166,7 @@ def count(jobs: Sized) -> str:
     return "1 job" if len(jobs) == 1 else f"{len(jobs)} jobs"
 
 
-def _said(rule: str, logs: list[str]) -> str:
+def _say(rule: str, logs: list[str]) -> str:
     path = next((path for path in map(Path, logs) if path.is_file()), None)
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path else []
     at = next((k for k in reversed(range(len(lines))) if _ERROR in lines[k]), None)

@@ -88,13 +88,13 @@ def _check_replaceable(folder: Path, results: Path, kept: Kept) -> None:
     files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()}
     if any(".git" in Path(path).parts for path in files):
         raise InputError(folder, "is or contains a repository", remedy)
-    ours = record["files"] if isinstance(record.get("files"), list) else _published(folder, kept)
+    ours = record["files"] if isinstance(record.get("files"), list) else _list_published(folder, kept)
     strangers = sorted(files - set(ours))
     if strangers:
         raise InputError(folder / strangers[0], "publish did not write this file and would delete it", "move it")
 
 
-def _published(folder: Path, kept: Kept) -> list[str]:
+def _list_published(folder: Path, kept: Kept) -> list[str]:
     """What publishing may have made of a folder whose record, as those of before, does not list it: what would be kept
     of the experiments that its config.yaml names."""
     try:

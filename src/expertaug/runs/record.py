@@ -38,7 +38,7 @@ def refuse_another(config: Configuration, files: Iterable[str | Path]) -> None:
         return
     names = _names(files)
     if all(run["files"] != names and run["digest"] != _digest(config) for run in runs):
-        problem = f"'{folder}' holds the tables of {_said(runs[-1]['files'])}, not of {_said(names)}"
+        problem = f"'{folder}' holds the tables of {_say(runs[-1]['files'])}, not of {_say(names)}"
         raise InputError(
             "results", problem, "give another folder (results: …), or set overwrite: true to take this one"
         )
@@ -66,11 +66,13 @@ def _runs(folder: Path) -> list[dict]:
     content = read_json(folder / NAME)
     runs = content.get("runs", []) if isinstance(content, dict) else []
     entries = [run for run in runs if isinstance(run, dict)] if isinstance(runs, list) else []
-    return [{"files": run.get("files"), "digest": run.get("digest"), "revisions": _texts(run)} for run in entries]
+    return [
+        {"files": run.get("files"), "digest": run.get("digest"), "revisions": _texts(run.get("revisions"))}
+        for run in entries
+    ]
 
 
-def _texts(run: dict) -> list[str]:
-    stored = run.get("revisions", [])
+def _texts(stored: object) -> list[str]:
     return [text for text in stored if isinstance(text, str)] if isinstance(stored, list) else []
 
 
@@ -78,7 +80,7 @@ def _names(files: Iterable[str | Path]) -> list[str]:
     return [os.path.relpath(file) for file in files]
 
 
-def _said(names: object) -> str:
+def _say(names: object) -> str:
     return " and ".join(names) if isinstance(names, list) and names else "the default configuration"
 
 

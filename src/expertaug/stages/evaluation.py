@@ -197,7 +197,7 @@ class Study(StudyStage):
             return []
         if next(kind.along for kind in STUDIES if kind.name == study):  # scores of one method's models
             return files.of_versions(experiment, files.followed(experiment), "during_training.csv")
-        return files.of_versions(experiment, jobs.studied(files.config, experiment, study), *EVALUATED)
+        return files.of_versions(experiment, jobs.list_studied(files.config, experiment, study), *EVALUATED)
 
     @classmethod
     def names(cls, experiment: str, study: str) -> tuple[str, ...]:
@@ -305,7 +305,7 @@ class Validity(StudyStage):
         from expertaug.config import jobs
 
         first = files.seed_groups(experiment)[0]
-        return [files.model(experiment, version, first) for version in jobs.checked(files.config, experiment)]
+        return [files.model(experiment, version, first) for version in jobs.list_checked(files.config, experiment)]
 
     @classmethod
     def sets(cls, files: Files, experiment: str) -> list[str]:
@@ -422,7 +422,7 @@ class Equation(StudyStage):
         from expertaug.config import jobs
 
         first = files.seed_groups(experiment)[0]
-        return [files.model(experiment, version, first) for version in jobs.explained(files.config, experiment)]
+        return [files.model(experiment, version, first) for version in jobs.list_explained(files.config, experiment)]
 
     @classmethod
     def sets(cls, files: Files, experiment: str) -> list[str]:
@@ -453,7 +453,7 @@ class OwnPriors(StudyStage):
     def inputs(cls, files: Files, experiment: str, study: str) -> list[str]:
         from expertaug.config import jobs
 
-        versions = jobs.found_priors(files.config, experiment)
+        versions = jobs.list_found_priors(files.config, experiment)
         before = [files.path(f"{experiment}/data/prior.json")] if "" in versions else []
         return [*before, *files.of_versions(experiment, [v for v in versions if v], "prior.json")]
 

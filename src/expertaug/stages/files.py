@@ -77,7 +77,7 @@ class Files:
 
     def found_priors(self, experiment: str) -> list[str]:
         """Augmented versions whose p⁺ finds its ranges from a trained model."""
-        return [v for v in jobs.found_priors(self.config, experiment) if v]
+        return [v for v in jobs.list_found_priors(self.config, experiment) if v]
 
     def sets(self, experiment: str, names: Iterable[str]) -> list[str]:
         """Sets by name."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from expertaug.config import jobs, shown_settings
 from expertaug.config.models import Configuration
-from expertaug.evaluation.products import PLOTTED, Product
+from expertaug.evaluation.products import OVERVIEWS, PLOTTED, Product
 from expertaug.stages import STAGES
 from expertaug.stages.files import Files
 from expertaug.stages.study import StudyStage
@@ -20,7 +20,7 @@ PRODUCTS = [(stage, product) for stage in STAGES.values() for product in stage.p
 STUDIES: dict[str, type[StudyStage]] = {p.name: stage for stage, p in PRODUCTS if issubclass(stage, StudyStage)}
 
 
-def planned(config: Configuration) -> Iterator[tuple[str, tuple]]:
+def plan(config: Configuration) -> Iterator[tuple[str, tuple]]:
     """Every job of a completed configuration's run, but that jobs of recordings are without their names."""
     run = config.run
     sources = {config.experiments[name].data.source for name in run}
@@ -38,7 +38,7 @@ def planned(config: Configuration) -> Iterator[tuple[str, tuple]]:
 
 def stages_read(config: Configuration) -> list[tuple[str, str]]:
     """Pairs of stages of a run: each with one that reads what it makes."""
-    run = {stage for stage, _ in planned(config)}
+    run = {stage for stage, _ in plan(config)}
     return sorted((source, stage) for stage in run for source in STAGES[stage].reads if source in run)
 
 
@@ -54,7 +54,7 @@ def study_files(files: Files, experiment: str, names: Iterable[str]) -> list[str
         if name in names:
             read = STUDIES[name].inputs(files, experiment, name)
             made += [*files.to_files(experiment, read), *STUDIES[name].sets(files, experiment)]
-            made += [files.path(file) for file in _named(name).files(experiment)]
+            made += [files.path(file) for file in _find(name).files(experiment)]
     return made
 
 
@@ -75,7 +75,7 @@ def products_of(files: Files, experiment: str) -> list[str]:
 
 def products_of_all(files: Files) -> list[str]:
     """Tables and figures over all experiments of the run."""
-    stages = {stage for stage, _ in planned(files.config)}
+    stages = {stage for stage, _ in plan(files.config)}
     shown = overviews(files.config)
     made = [
         product
@@ -85,7 +85,7 @@ def products_of_all(files: Files) -> list[str]:
     return [files.path(file) for product in made for file in product.files("")]
 
 
-def kept(experiments: Iterable[str]) -> list[str]:
+def list_kept(experiments: Iterable[str]) -> list[str]:
     """The tables and pictures of a run, in the results folder: figures as PNG alone."""
     named = list(experiments)
     long = [f"tables/{experiment}_long.csv" for experiment in named]
@@ -96,11 +96,10 @@ def kept(experiments: Iterable[str]) -> list[str]:
 def overviews(config: Configuration) -> list[str]:
     """Names of the figures over all experiments."""
     experiments = shown_settings.overview(config, config.run)["experiments"]
-    named = ["log_mse", "parameter_errors"] if any(block["shown"] for block in experiments) else []
-    return [*named, "za_shifted"] if any(block["shifted"] for block in experiments) else named
+    return [kind.name for kind in OVERVIEWS if any(block[kind.shows] for block in experiments)]
 
 
-def _named(study: str) -> Product:
+def _find(study: str) -> Product:
     return next(product for _, product in PRODUCTS if product.name == study)
 
 
@@ -126,7 +125,7 @@ def _of_experiment(config: Configuration, experiment: str) -> Iterator[tuple[str
     for method in (*config.experiments[experiment].methods, *config.experiments[experiment].points):
         stage = config.methods[method].estimator.stage
         yield from ((stage, (experiment, method, group)) for group in groups)
-    for version in jobs.found_priors(config, experiment):
+    for version in jobs.list_found_priors(config, experiment):
         yield from (("own_prior", (experiment, version, group)) for group in (groups if version else [None]))
     for variant in [*jobs.variants(config, experiment), *jobs.further_variants(config, experiment)]:
         for stage in _of_version(Version.parse(variant)):

@@ -23,7 +23,7 @@ HORIZONS = ("cut_horizon", "cut_measured_horizon")
 TRAINED = ("train", "alternate", "share")
 
 
-def _named(name: str) -> Any:
+def _import(name: str) -> Any:
     """What ``package.module:name`` names."""
     module, _, inside = name.partition(":")
     return getattr(importlib.import_module(module), inside)
@@ -95,7 +95,7 @@ class Stage:
     @classmethod
     def kind_of(cls, a: argparse.Namespace, settings: Raw) -> type[Settings]:
         """What these settings are read into."""
-        return _named(cls.job_of(a, settings))
+        return _import(cls.job_of(a, settings))
 
     @classmethod
     def read(cls, a: argparse.Namespace) -> Settings:
@@ -125,7 +125,7 @@ class Stage:
             config: completed.
             names: of the experiment, the version, the group of seeds, the set …, as the stage's slice takes them.
         """
-        return to_json(_named(cls.slice)(config, *names))
+        return to_json(_import(cls.slice)(config, *names))
 
     @classmethod
     def sources(cls, extra: Iterable[str] = ()) -> list[Path]:

@@ -142,7 +142,7 @@ def _check_sampler(system: System, where: str) -> Tensor:
     name = f"{type(system).__name__}.sample_initial_state"
 
     def drawn(n: int) -> Tensor:
-        return _called(lambda: system.sample_initial_state(n, torch.Generator().manual_seed(1)), where, name)
+        return _call(lambda: system.sample_initial_state(n, torch.Generator().manual_seed(1)), where, name)
 
     first = drawn(SAMPLES)
     expected = (SAMPLES, *system.state_shape)
@@ -160,7 +160,7 @@ def _check_inputs(system: System, where: str, simulated: bool, generator: torch.
     name = f"{type(system).__name__}.input_signal"
     if simulated and type(system).input_signal is not System.input_signal:
         parameters, t = _samples(system.input_parameters, None, generator), torch.arange(4, dtype=torch.float64)
-        signal = _called(lambda: system.input_signal(t, parameters), where, name)
+        signal = _call(lambda: system.input_signal(t, parameters), where, name)
         _check_tensor(signal, (SAMPLES, len(t), len(system.inputs)), torch.float64, where, name)
     return [_samples(system.known, None, generator)]
 
@@ -174,7 +174,7 @@ def _check_events(system: System, where: str, y: Tensor, z_e: Tensor, simulated:
         raise InputError(where, problem, f'simulation = Solver("{EVENTS}", substeps=20) stops at them')
     for states in (y, y.float()):
         z = z_e.to(states)
-        value = _called(lambda: system.event(states, z), where, f"{name}.event")  # noqa: B023
+        value = _call(lambda: system.event(states, z), where, f"{name}.event")  # noqa: B023
         _check_tensor(value, tuple(states.shape[:-1]), states.dtype, where, f"{name}.event")
         _check(system, where, "jump", (states, z), states)
 
@@ -185,19 +185,19 @@ def _check(
     """One method on samples, with and without an axis of seeds in all of its arguments but the time."""
     name = f"{type(system).__name__}.{method}"
     call = getattr(system, method)
-    alone = _called(lambda: call(*arguments), where, name)
+    alone = _call(lambda: call(*arguments), where, name)
     _check_tensor(alone, tuple(like.shape) if same_shape else None, like.dtype, where, name)
     if not same_shape and tuple(alone.shape[:1]) != (SAMPLES,):
         raise InputError(where, f"{name} gives shape {tuple(alone.shape)}", f"begin with the samples, ({SAMPLES}, …)")
-    again = _called(lambda: call(*arguments), where, name)
+    again = _call(lambda: call(*arguments), where, name)
     if not torch.equal(alone, again):
         remedy = "nothing in it may be random or change from call to call"
         raise InputError(where, f"{name} gives other values when called twice", remedy)
-    first = _called(lambda: call(*(a if a.dim() == 0 else a[:1] for a in arguments)), where, name, " for one sample")
+    first = _call(lambda: call(*(a if a.dim() == 0 else a[:1] for a in arguments)), where, name, " for one sample")
     if not _close(first, alone[:1]):
         raise InputError(where, f"{name} mixes samples", "every sample's values depend on that sample alone")
     stacked = [a if a.dim() == 0 else a.expand(SEEDS, *a.shape) for a in arguments]
-    group = _called(lambda: call(*stacked), where, name, " with an axis of seeds before the samples")
+    group = _call(lambda: call(*stacked), where, name, " with an axis of seeds before the samples")
     if tuple(group.shape) != (SEEDS, *alone.shape):
         problem = f"{name} gives shape {_shape(group)} for {SEEDS} seeds"
         remedy = f"give {(SEEDS, *alone.shape)}: index components from the end, as y[..., 0] or y.unbind(-1)"
@@ -211,19 +211,19 @@ def _check_linear_flow(
 ) -> None:
     """The flow of the linear part, and that nonlinear is the rest: their sum is the expert."""
     name = f"{type(system).__name__}.linear_flow"
-    flow = _called(lambda: system.linear_flow(z_e, step_s), where, name, tensor=False)
+    flow = _call(lambda: system.linear_flow(z_e, step_s), where, name, tensor=False)
     if flow is None:
         if solver is not None and solver.splits and type(system).nonlinear is not System.nonlinear:
             raise InputError(where, f"{name} gives None, and nonlinear leaves a part out", "define both or neither")
         return
-    moved = _called(lambda: flow(y), where, name)
+    moved = _call(lambda: flow(y), where, name)
     _check_tensor(moved, tuple(y.shape), y.dtype, where, name)
     _check(system, where, "nonlinear", (torch.tensor(step_s).to(y), y, z_e, *u), y)
     if y.dtype != torch.float64:
         return
     # Two small steps tell dy/dt = L y up to the second order of the step.
     h, t = 1e-3 * step_s, torch.tensor(step_s).to(y)
-    ahead, back = (_called(partial(_flowed, system, z_e, s, y), where, name) for s in (h, -h))
+    ahead, back = (_call(partial(_flow, system, z_e, s, y), where, name) for s in (h, -h))
     linear = (ahead - back) / (2 * h)
     rest = system.expert(t, y, z_e, *u) - system.nonlinear(t, y, z_e, *u)
     if not torch.allclose(linear, rest, rtol=1e-2, atol=1e-2 * float(rest.abs().max()) + 1e-8):
@@ -236,7 +236,7 @@ def _check_gradient(system: System, where: str, y: Tensor, z_e: Tensor, u: Seque
     name = f"{type(system).__name__}.expert"
     z = z_e.clone().requires_grad_()
     time = torch.tensor(0.0).to(y)
-    outputs = _called(lambda: torch.stack((system.expert(time, y, z, *u), system.initial_state(y, z))), where, name)
+    outputs = _call(lambda: torch.stack((system.expert(time, y, z, *u), system.initial_state(y, z))), where, name)
     if not outputs.requires_grad:
         remedy = "compute with torch on z_e itself: no numpy, no .item(), no .detach()"
         raise InputError(where, f"{name} does not depend on z_e, or loses its gradient", remedy)
@@ -245,7 +245,7 @@ def _check_gradient(system: System, where: str, y: Tensor, z_e: Tensor, u: Seque
         raise InputError(where, f"{name} has a gradient by z_e that is not finite", "avoid √ and division at 0")
 
 
-def _called(call: Callable, where: str, name: str, how: str = "", tensor: bool = True) -> Any:
+def _call(call: Callable, where: str, name: str, how: str = "", tensor: bool = True) -> Any:
     """What a method gives; any exception as one line, and anything that is no tensor refused."""
     try:
         result = call()
@@ -283,7 +283,7 @@ def _shape(value: Tensor) -> str:
     return str(tuple(value.shape))
 
 
-def _flowed(system: System, z_e: Tensor, h: float, y: Tensor) -> Tensor:
+def _flow(system: System, z_e: Tensor, h: float, y: Tensor) -> Tensor:
     """y after h s of the linear part alone."""
     flow = system.linear_flow(z_e, h)
     return y if flow is None else flow(y)

@@ -189,6 +189,6 @@ class Observed(System):
         return torch.cat((of_states(y.narrow(axis, 0, size)), u), dim=axis)
 
 
-def observed(system: System) -> System:
+def as_observed(system: System) -> System:
     """The system as an encoder sees it: itself, where it has no inputs."""
     return Observed(system) if system.known else system

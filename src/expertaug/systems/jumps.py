@@ -66,7 +66,7 @@ def _largest(difference: Tensor) -> Tensor:
     return difference.abs().flatten(1).amax(1)
 
 
-def watched(system: System, rates: Callable[..., Tensor], what: str) -> Callable[..., Tensor]:
+def watch(system: System, rates: Callable[..., Tensor], what: str) -> Callable[..., Tensor]:
     """The same rates for one solve to a tolerance; where that takes long they are looked at once.
 
     Arguments:

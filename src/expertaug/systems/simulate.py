@@ -14,7 +14,7 @@ from torch import Tensor
 from expertaug.errors import InputError, SolveError
 from expertaug.systems import Parameter, System, load
 from expertaug.systems.inputs import check_given, solve
-from expertaug.systems.jumps import watched
+from expertaug.systems.jumps import watch
 from expertaug.systems.settings import SimulatedData, SimulateJob
 from expertaug.systems.solvers.solver import Solver, check_finite
 from expertaug.trajectories import Trajectories
@@ -162,7 +162,7 @@ def _solve(
         return system.truth(s, y, z_e, z_a, *more)
 
     try:
-        return solve(system, watched(system, field, name), y0, t, system.simulation, z_e, u)
+        return solve(system, watch(system, field, name), y0, t, system.simulation, z_e, u)
     except SolveError as error:  # a fixed grid goes on, so that the sample can be named
         check_finite(solve(system, field, y0, t, Solver("rk4"), z_e, u), torch.cat((z_e, z_a), dim=-1), name)
         raise SolveError(f"{name}: {error}") from error

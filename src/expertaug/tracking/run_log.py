@@ -8,11 +8,11 @@ import math
 import os
 import time
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TypedDict
+from typing import Any, SupportsFloat, TypedDict
 
 from expertaug import files
 from expertaug.errors import InputError
@@ -77,7 +77,7 @@ class RunLog:
         self._sync = None if tracking is None or not tracking.enabled else Sync(self.path, tracking)
         self.flush()  # the header first: by its id the runs are found again that the store is now asked to make
 
-    def metrics(self, step: int, values: Mapping[str, Any]) -> None:
+    def metrics(self, step: int, values: Mapping[str, SupportsFloat | Iterable[SupportsFloat]]) -> None:
         """Add one step.
 
         Arguments:

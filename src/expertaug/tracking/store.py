@@ -97,7 +97,7 @@ def connect(uri: str, experiment: str, prepare: bool = False) -> tuple[Any, str]
     from mlflow.tracking import MlflowClient
 
     path = database(uri)
-    with locked(uri):
+    with lock_store(uri):
         check_present(uri)
         new = path is not None and not path.exists()
         if path is not None:
@@ -186,7 +186,7 @@ def _is_local(path: Path) -> bool:
 
 
 @contextmanager
-def locked(uri: str) -> Iterator[None]:
+def lock_store(uri: str) -> Iterator[None]:
     """Hold the lock of a store, which keeps two jobs from making the same thing in it twice: a file beside a sqlite
     database, else one in a folder of the user's own.
 
@@ -198,7 +198,7 @@ def locked(uri: str) -> Iterator[None]:
         lock = private_folder() / f"{hashlib.sha256(uri.encode()).hexdigest()[:16]}.lock"
     else:
         lock = path.with_name(f"{path.name}.lock")
-    with files.locked(lock, LOCK_S):
+    with files.lock_file(lock, LOCK_S):
         yield
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from expertaug.files import is_inside
 from expertaug.tracking.log import Artifact, Dataset, End, Header, Line, Step, read_lines, read_log
 from expertaug.tracking.settings import Tracking
-from expertaug.tracking.store import StoreGone, brief, check_present, connect, database, locked, rebuild_command
+from expertaug.tracking.store import StoreGone, brief, check_present, connect, database, lock_store, rebuild_command
 
 logger = logging.getLogger(__name__)
 
@@ -139,7 +139,7 @@ class Mirror:
         # On a server, another machine may have a results folder of the same name.
         place = (str(path.resolve()),) if database(self._uri) is not None else (platform.node(), str(path.resolve()))
         self._place = _digest(place)
-        with locked(self._uri):  # two jobs of one method must not make two parents
+        with lock_store(self._uri):  # two jobs of one method must not make two parents
             self.parent = self._find_parent()
         self._supersede(f"tags.log_place = '{self._place}'")
         if header.replaces is not None and header.replaces.isalnum():  # it was read from a file
@@ -169,7 +169,7 @@ class Mirror:
                 steps = []
                 for run in self.runs.values():
                     self._client.set_terminated(run, line.status, end_time=_milliseconds(line.time))
-                with locked(self._uri):  # jobs that end at once read each other's values
+                with lock_store(self._uri):  # jobs that end at once read each other's values
                     self._end_parent(_milliseconds(line.time))
         self._log_metrics(steps)
 

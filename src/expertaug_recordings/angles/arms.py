@@ -22,7 +22,7 @@ import pandas as pd
 from scipy.ndimage import uniform_filter1d
 
 from expertaug_recordings.angles.marker_table import MarkerTable
-from expertaug_recordings.angles.noise import PASSES, spread, trimmed_fit
+from expertaug_recordings.angles.noise import PASSES, fit_trimmed, spread
 from expertaug_recordings.settings import AngleKeys
 
 MOST = 5000  # frames or a little more, which tell enough
@@ -100,7 +100,7 @@ def _harmonics(vectors: np.ndarray, k: int, offsets: dict[str, np.ndarray]) -> d
     design = np.concatenate((np.ones((len(own), 1)), *columns), axis=1)
     typical = float(np.median(length))
     target = (length**2 - typical**2) / (2 * typical)
-    x, _, _, noise, inverse = trimmed_fit(design, target, np.abs(target) < WILD * typical)
+    x, _, _, noise, inverse = fit_trimmed(design, target, np.abs(target) < WILD * typical)
     names = ("joint_arm2", "pivot") if k == 0 else ("joint_arm1", "tip")
     change = {}
     for name, first in zip(names, (1, 3), strict=True):
@@ -185,7 +185,7 @@ def _arms(
     window_s: float,
     options: AngleKeys,
 ) -> Arms:
-    pivot = _averaged(filled, window_s * markers.rate_hz)
+    pivot = _average(filled, window_s * markers.rate_hz)
     vectors = np.stack((markers.joint - pivot, markers.tip - markers.joint), axis=1)
     offsets = find_offsets(vectors, usable) if options.model_offsets else NONE
     vectors = offsets.remove(vectors)
@@ -199,7 +199,7 @@ def _unsteady(arms: Arms, usable: np.ndarray) -> float:
     return float(spread(arms.lengths[usable, 0]))
 
 
-def _averaged(places: np.ndarray, frames: float) -> np.ndarray:
+def _average(places: np.ndarray, frames: float) -> np.ndarray:
     """Places (n, 2), each averaged over its neighbours; over more frames than there are, the median of all."""
     if frames >= 2 * len(places):
         return np.broadcast_to(np.median(places, axis=0), places.shape)
@@ -222,14 +222,14 @@ def _pivot(markers: MarkerTable, usable: np.ndarray, tolerance: float) -> tuple[
     with np.errstate(invalid="ignore"):
         near = np.linalg.norm(markers.pivot - middle, axis=1) <= tolerance * arm
         if not near[seen].all():
-            near |= _moved_along(markers, usable & seen, arm)
+            near |= _find_moving(markers, usable & seen, arm)
     seen &= near
     frames = np.arange(len(markers))
     filled = np.stack([np.interp(frames, frames[seen], markers.pivot[seen, k]) for k in range(2)], axis=1)
     return filled, seen
 
 
-def _moved_along(markers: MarkerTable, usable: np.ndarray, arm: float) -> np.ndarray:
+def _find_moving(markers: MarkerTable, usable: np.ndarray, arm: float) -> np.ndarray:
     """Frames (n,) whose pivot's marker is near those of its time and one arm from the joint."""
     length = np.linalg.norm(markers.joint - markers.pivot, axis=1)
     typical, off = float(np.median(length[usable])), float(spread(length[usable]))

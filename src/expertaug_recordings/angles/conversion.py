@@ -57,7 +57,7 @@ def find_conversion(theta: np.ndarray, rate_hz: float) -> Conversion | None:
         return None
     best, least = None, BETTER * even
     for ratio, phase in _patterns(rate_hz):
-        shown = _shown(number, ratio, phase)
+        shown = _number_shown(number, ratio, phase)
         kept = np.diff(shown, prepend=shown[0] - 1) > 0
         if kept.sum() < ENOUGH or not _are_still(part, kept):
             continue
@@ -67,12 +67,12 @@ def find_conversion(theta: np.ndarray, rate_hz: float) -> Conversion | None:
     if best is None:
         return None
     ratio, phase = best
-    shown = _shown(np.arange(len(theta)), ratio, phase)
+    shown = _number_shown(np.arange(len(theta)), ratio, phase)
     source = ratio * rate_hz
     return Conversion(source, (shown - shown[0]) / source, np.diff(shown, prepend=shown[0] - 1) == 0)
 
 
-def _shown(number: np.ndarray, ratio: float, phase: float) -> np.ndarray:
+def _number_shown(number: np.ndarray, ratio: float, phase: float) -> np.ndarray:
     """Numbers (n,) of the source's frames that the file's frames show."""
     return np.floor(number * ratio + phase + 1e-9).astype(int)
 

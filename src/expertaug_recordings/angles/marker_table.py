@@ -240,7 +240,7 @@ def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable
     if even and not missing.any() and abs(seen.rate_hz / wanted - 1) < 1e-3:
         return replace(seen, timing=timing)
     timing = replace(timing, uneven_ms=0.0 if even else _off_even_ms(t), frames_hz=seen.rate_hz)
-    return _resampled(seen, t, good, wanted, timing)
+    return _resample(seen, t, good, wanted, timing)
 
 
 def _undo(
@@ -261,7 +261,7 @@ def _undo(
         converted_from_hz=source_hz,
     )
     wanted = rate_hz or min(source_hz, seen.rate_hz)
-    return _resampled(new, t, good[rows], wanted, timing)
+    return _resample(new, t, good[rows], wanted, timing)
 
 
 def _rows(seen: MarkerTable, rows: np.ndarray) -> MarkerTable:
@@ -271,7 +271,7 @@ def _rows(seen: MarkerTable, rows: np.ndarray) -> MarkerTable:
     return replace(seen, **{name: getattr(seen, name)[rows] for name in each}, interpolation=error)
 
 
-def _resampled(seen: MarkerTable, t: np.ndarray, good: np.ndarray, wanted: float, timing: Timing) -> MarkerTable:
+def _resample(seen: MarkerTable, t: np.ndarray, good: np.ndarray, wanted: float, timing: Timing) -> MarkerTable:
     """Frames at times t (n,) in s, of which ``good`` (n,) can be used, at even times of ``wanted`` Hz."""
     reason, quality = seen.reason, seen.quality
     made = resample(t, seen.places, good, wanted)

@@ -38,8 +38,8 @@ from expertaug_recordings.angles.quality import (
     CORRECTED,
     MEASURED,
     UNUSABLE,
-    crowded,
     gap_lengths,
+    is_crowded,
     judge,
     too_few,
     trust_tracker,
@@ -268,11 +268,11 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     noise, length_std = measure_noise(arms.lengths, fitting, how.window or longest_window(order, rate))
     marker_std = marker_noise(length_std, markers.pivot, arms.pivot)
     theta = np.where(fitting[:, None], arms.angles(job.rotation_deg), np.nan)
-    measured = _explained(path, markers, arms, theta, reason, noise, how, job)
+    measured = _explain(path, markers, arms, theta, reason, noise, how, job)
     share = measured[-1].share(noise) if measured[-1] is not None and markers.interpolation is None else np.ones(2)
     if (share < 1).any():  # the lengths vary by more than the angles err
         noise = replace(noise, std=share * noise.std)
-        measured = _explained(path, markers, arms, theta, reason, noise, how, job)
+        measured = _explain(path, markers, arms, theta, reason, noise, how, job)
     motion, quality, reason, implied, off = measured
     of_both = single_energy(motion.y[:, 0], motion.y[:, 2], implied.fit.constants.G1) if job.single else None
     level = energy(motion.y, implied.fit.constants) if of_both is None else of_both
@@ -285,7 +285,7 @@ def _measure(path: Path, markers: MarkerTable, job: MeasureAnglesJob) -> Angles:
     return replace(angles, motion=with_errors(motion, unexplained.error(motion.y[:, 2:]), order, rate))
 
 
-def _explained(
+def _explain(
     path: Path,
     markers: MarkerTable,
     arms: Arms,
@@ -309,7 +309,7 @@ def _explained(
         else:
             implied = explain(states, rate, job.arm1_m, job.rotation_deg)
     except InputError as error:
-        if good.mean() > FEW and not crowded(angles_of(markers.places)):
+        if good.mean() > FEW and not is_crowded(angles_of(markers.places)):
             raise InputError(path, str(error)) from error
         why, remedy = _too_few(good, reason, markers, job)
         problem = f"{str(error).partition('; ')[0]}; {int(good.sum())} of {len(good)} frames are usable: {why}"
@@ -410,7 +410,7 @@ def _summarise(
         warnings=[
             *contradictions(angles.implied, rate, job.rate_provenance, job.arm1_m, rotation),
             *_doubts(angles, uncertain, job),
-            *_unexplained(angles, job.single),
+            *_describe_unexplained(angles, job.single),
             *([] if rolling is None else [rolling.warning]),
             *angles.markers.timing.doubts(len(angles.markers)),
         ],
@@ -445,7 +445,7 @@ def _doubts(angles: Angles, uncertain: np.ndarray, job: MeasureAnglesJob) -> lis
     ]
 
 
-def _unexplained(angles: Angles, single: bool) -> list[str]:
+def _describe_unexplained(angles: Angles, single: bool) -> list[str]:
     """That no pendulum moves so, in plain words, and what may be the cause."""
     off, r2 = angles.off, angles.implied.fit.r2
     shown = slice(0, 1) if single else slice(0, 2)
@@ -453,7 +453,7 @@ def _unexplained(angles: Angles, single: bool) -> list[str]:
         if min(r2) >= LEAST_R2:
             return []
         return [
-            f"the pendulum explains a share of {_listed(r2[shown], '.2f')} of the motion (R²) and no stretch is long"
+            f"the pendulum explains a share of {_list(r2[shown], '.2f')} of the motion (R²) and no stretch is long"
             " enough to tell the angles' errors: take their uncertainties for too small"
         ]
     if not off.beyond:
@@ -461,12 +461,12 @@ def _unexplained(angles: Angles, single: bool) -> list[str]:
     late = 1000 * np.sqrt(off.timing[shown].min())  # one time is wrong for both
     times = f", as if frames were off their times by {late:.1f} ms" if late > LATE_MS else ""
     return [
-        f"the angles are off any pendulum's motion by {_listed(np.rad2deg(off.rms[shown]), '.2g')}° rms{times} (R²"
-        f" {_listed(r2[shown], '.2f')}), their markers by {_listed(np.rad2deg(off.known[shown]), '.2g')}°: the"
+        f"the angles are off any pendulum's motion by {_list(np.rad2deg(off.rms[shown]), '.2g')}° rms{times} (R²"
+        f" {_list(r2[shown], '.2f')}), their markers by {_list(np.rad2deg(off.known[shown]), '.2g')}°: the"
         " uncertainties were widened to that; use the original if the video was converted to another frame rate, and"
         " check arms and view"
     ]
 
 
-def _listed(values: Sequence[float], form: str) -> str:
+def _list(values: Sequence[float], form: str) -> str:
     return " and ".join(format(value, form) for value in values)

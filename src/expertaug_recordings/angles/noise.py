@@ -42,7 +42,7 @@ def spread(values: np.ndarray) -> np.ndarray:
     return 1.4826 * np.nanmedian(np.abs(values - np.nanmedian(values, axis=0)), axis=0)
 
 
-def trimmed_fit(
+def fit_trimmed(
     design: np.ndarray, target: np.ndarray, used: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray]:
     """Least squares without what is far off.

@@ -98,7 +98,7 @@ def spans(y: np.ndarray, interval: float, every: int = 1) -> tuple[OfStates, OfS
     nodes = len(WEIGHTS)
     starts = y.shape[1] - (nodes - 1) * every
     if starts < 1:
-        raise _undetermined(0)
+        raise _refuse_undetermined(0)
     points = [y[:, k * every : k * every + starts].reshape(-1, 4) for k in range(nodes)]
     cluster = np.arange(len(y))[:, None] * y.shape[1] + np.arange(starts) // (CLUSTER_POINTS * every)
     kept = np.isfinite(sum(p.sum(axis=1) for p in points))
@@ -132,7 +132,7 @@ def _least_squares(
     normal = design.T @ design
     spread = float(np.sum((target - target.mean()) ** 2)) if len(target) else 0.0
     if len(target) <= len(columns) or spread == 0 or np.linalg.matrix_rank(normal, hermitian=True) < len(columns):
-        raise _undetermined(len(target))
+        raise _refuse_undetermined(len(target))
     x = np.linalg.solve(normal, design.T @ target)
     residual = target - design @ x
     _, group = np.unique(cluster, return_inverse=True)
@@ -142,7 +142,7 @@ def _least_squares(
     return x, errors, 1 - float(np.sum(residual**2)) / spread
 
 
-def _undetermined(spans: int) -> InputError:
+def _refuse_undetermined(spans: int) -> InputError:
     return InputError("fit of the constants", f"{spans} spans do not determine them", "use a moving pendulum")
 
 
@@ -302,7 +302,7 @@ def explain(y: np.ndarray, rate_hz: float, arm1_m: float | None, rotation_deg: f
             raise
         remedy = (
             f"by the motion gravity points {gravity.degrees:+.1f}° off the stated direction: set"
-            f" recordings.angles.rotation_deg to {_turned(rotation_deg, gravity.degrees):.1f}"
+            f" recordings.angles.rotation_deg to {_turn(rotation_deg, gravity.degrees):.1f}"
         )
         raise InputError(str(error).partition("; ")[0], "the direction of gravity is wrong", remedy) from error
     implied = None if arm1_m is None else implied_rate(fit.constants, rate_hz, arm1_m)
@@ -330,12 +330,12 @@ def contradictions(
     if tilt is not None and abs(tilt) > MAX_TILT_DEG:
         conflicts.append(
             f"by the motion gravity points {tilt:+.1f}° off the stated direction: set recordings.angles.rotation_deg to"
-            f" {_turned(rotation_deg, tilt):.1f}"
+            f" {_turn(rotation_deg, tilt):.1f}"
         )
     return conflicts
 
 
-def _turned(rotation_deg: float, by_deg: float) -> float:
+def _turn(rotation_deg: float, by_deg: float) -> float:
     """A direction in degrees, in (-180, 180]."""
     return 180 - (180 - rotation_deg - by_deg) % 360
 

@@ -81,7 +81,7 @@ def _steps(theta: np.ndarray) -> np.ndarray:
     return step[np.isfinite(step)]
 
 
-def crowded(theta: np.ndarray) -> bool:
+def is_crowded(theta: np.ndarray) -> bool:
     """Whether angles (n, 2) in rad turn too far from frame to frame to be followed."""
     step = _steps(theta)
     return bool(len(step) and np.median(step) > MUCH)
@@ -103,7 +103,7 @@ def too_few(
     own = {name: int(count) for name, count in texts.items() if name in WORDS}
     lost = int(texts.sum()) - sum(own.values())
     step = _steps(theta)
-    if crowded(theta):
+    if is_crowded(theta):
         why = f"the arms turn by {np.rad2deg(np.median(step)):.0f}° from frame to frame in the median"
         return why, f"{rate:g} frames/s are too few: record with more"
     named = [f"{count} {WORDS[name][0]}" for name, count in own.items()]

@@ -179,11 +179,11 @@ def find_view(places: np.ndarray, usable: np.ndarray, offsets: bool) -> View | N
         return None
     afar = View(centre, stretch, none, (start, _steadiness(seen @ stretch, offsets)))
     stretch, nearer = _from_near(seen, stretch)
-    near = View(centre, stretch, nearer, (start, _steadiness(_seen_from(seen, stretch, nearer), offsets)))
+    near = View(centre, stretch, nearer, (start, _steadiness(_project(seen, stretch, nearer), offsets)))
     return near if near.spread[1].max() < NEARER * afar.spread[1].max() else afar
 
 
-def _seen_from(places: np.ndarray, stretch: np.ndarray, nearer: np.ndarray) -> np.ndarray:
+def _project(places: np.ndarray, stretch: np.ndarray, nearer: np.ndarray) -> np.ndarray:
     return places @ stretch / (1 + places @ nearer)[..., None]
 
 
@@ -324,7 +324,7 @@ def worth_it(markers: MarkerTable, usable: np.ndarray, offsets: bool) -> View | 
     return view
 
 
-def seen_through(matrix: np.ndarray, markers: MarkerTable) -> MarkerTable:
+def project_markers(matrix: np.ndarray, markers: MarkerTable) -> MarkerTable:
     """Markers with their places through a homography (3, 3)."""
     return _with_places(markers, through(matrix, markers.places))
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from expertaug_recordings.angles.even_times import from_polar, interpolate_arm, turns
 from expertaug_recordings.angles.marker_table import DROPPED, MarkerTable
-from expertaug_recordings.angles.noise import spread, trimmed_fit
+from expertaug_recordings.angles.noise import fit_trimmed, spread
 
 ROUNDS = 3
 CERTAIN = 12.0  # standard errors by which τ is more than none
@@ -60,7 +60,7 @@ def undo_rolling(seen: MarkerTable, usable: np.ndarray) -> tuple[MarkerTable, Ro
         row_s += fit.row_s
         tried = _without(seen, usable, row_s)
         if tried is None:
-            return _widened(seen, row_s), Rolling(row_s, False)
+            return _widen(seen, row_s), Rolling(row_s, False)
         moved = tried
     still_usable = usable & np.isfinite(moved.places).all((1, 2))
     if moved is seen or _spread(seen, usable) < STEADIER * _spread(moved, still_usable):
@@ -101,7 +101,7 @@ def _row_s(markers: MarkerTable, usable: np.ndarray) -> _Found | None:
     if finite.sum() < FEWEST:
         return None
     design, target = design[finite], length[finite, 1]
-    x, off, used, noise, inverse = trimmed_fit(design, target, np.ones(len(target), bool))
+    x, off, used, noise, inverse = fit_trimmed(design, target, np.ones(len(target), bool))
     steadier = float(spread(off[used] + x[0] * design[used, 0])) / noise
     return _Found(float(x[0]), noise * float(np.sqrt(inverse[0, 0])), steadier)
 
@@ -131,7 +131,7 @@ def _without(seen: MarkerTable, usable: np.ndarray, row_s: float) -> MarkerTable
     return _with_error(moved, np.stack((error1, error2), axis=1))
 
 
-def _widened(seen: MarkerTable, row_s: float) -> MarkerTable:
+def _widen(seen: MarkerTable, row_s: float) -> MarkerTable:
     """The same with what the angles are off by, their turns in the time between the rows in which the markers are."""
     vectors = np.diff(seen.places, axis=1)
     turn = turns(np.arctan2(vectors[..., 0], vectors[..., 1]))

@@ -227,7 +227,9 @@ def smooth_motion(theta: np.ndarray, rate: float, noise: Noise, how: Smoothing) 
     return _smooth(theta, rate, noise, how, window, outlier)
 
 
-def _filled(theta: np.ndarray, window: int, how: Smoothing, least: int) -> list[tuple[slice, np.ndarray, np.ndarray]]:
+def _fill_gaps(
+    theta: np.ndarray, window: int, how: Smoothing, least: int
+) -> list[tuple[slice, np.ndarray, np.ndarray]]:
     """Stretches of at least so many frames: where they are, their unwrapped angles without gaps, and which frames are
     measured."""
     present = np.isfinite(theta).all(1)
@@ -242,7 +244,7 @@ def _off_neighbours(theta: np.ndarray, window: int, how: Smoothing) -> np.ndarra
     """By how much each angle (n, 2) is off the polynomial through its neighbours alone; NaN where there is none."""
     off = np.full(theta.shape, np.nan)
     own = savgol_coeffs(window, how.order)[window // 2]  # the polynomial's weight of the angle itself
-    for span, angles, present in _filled(theta, window, how, window):
+    for span, angles, present in _fill_gaps(theta, window, how, window):
         difference = (angles - savgol_filter(angles, window, how.order, axis=0)) / (1 - own)
         off[span] = np.where(present[:, None], difference, np.nan)
     return off
@@ -288,7 +290,7 @@ def _smooth(
     families = [angle_windows(how.order, rate), speed_windows(how.order, rate)]
     if fixed:
         families = [_one_window(family, window // 2, how.order) for family in families]
-    for span, angles, present in _filled(theta, window, how, shortest):
+    for span, angles, present in _fill_gaps(theta, window, how, shortest):
         raw[span] = np.where(present[:, None], angles, np.nan)
         ends = np.ones(len(angles), bool)
         ends[shortest // 2 : len(angles) - shortest // 2] = False

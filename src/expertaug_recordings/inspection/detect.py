@@ -256,10 +256,10 @@ def look_for_pendulum(frames: Sequence[np.ndarray]) -> tuple[Pendulum | None, di
     """The pendulum of frames spread over a video, and by style all round coloured things in them."""
     spots = {style: find_spots(frames, style) for style in STYLES}
     pendulums = [p for style, seen in spots.items() if (p := find_pendulum(seen, style, len(frames))) is not None]
-    return max(pendulums, key=_seen, default=None), spots
+    return max(pendulums, key=_count_seen, default=None), spots
 
 
-def _seen(pendulum: Pendulum) -> tuple[int, int]:
+def _count_seen(pendulum: Pendulum) -> tuple[int, int]:
     """Markers that there are, and frames that show those that move."""
     moving = [set(spots) for spots in pendulum.spots[1:] if spots is not None]
     return len(moving), len(set.intersection(*moving))

@@ -43,8 +43,8 @@ def combine(looks: Sequence[Look]) -> dict[str, object]:
     """
     files = [look.footage.path for look in looks]
     names = {path: name for name, path in by_name("recordings.videos.path", files).items()} if len(looks) > 1 else {}
-    shared = _shared_tracking(looks)
-    rotation = _shared_rotation(looks)
+    shared = _choose_tracking(looks)
+    rotation = _choose_rotation(looks)
     askew = all(look.view is not None for look in looks)
     angles = ({} if rotation is None else {"rotation_deg": rotation}) | (
         {"rectify": {"ellipse": True}} if askew else {}
@@ -86,7 +86,7 @@ def rates_differ(looks: Sequence[Look]) -> bool:
     )
 
 
-def _shared_tracking(looks: Sequence[Look]) -> dict[str, object]:
+def _choose_tracking(looks: Sequence[Look]) -> dict[str, object]:
     """The markers that most recordings have, with the other settings of the recording of median diameter among them."""
     markers = _commonest([look.tracking["markers"] for look in looks])
     like = sorted(
@@ -96,7 +96,7 @@ def _shared_tracking(looks: Sequence[Look]) -> dict[str, object]:
     return dict(like[len(like) // 2].tracking)
 
 
-def _shared_rotation(looks: Sequence[Look]) -> float | None:
+def _choose_rotation(looks: Sequence[Look]) -> float | None:
     """The direction of gravity that most recordings share in degrees, None where none tells: cameras are not turned
     between most."""
     gravities = [look.gravity for look in looks if look.gravity is not None]

@@ -16,7 +16,7 @@ OWN = 0.5  # diameters within which a spot is the marker itself
 SAME_HUE = 15.0  # degrees: half the step between named colours
 
 
-def left_over(pendulum: Pendulum, spots: Sequence[Spot], frames: int) -> list[str]:
+def find_left_over(pendulum: Pendulum, spots: Sequence[Spot], frames: int) -> list[str]:
     """A line for each colour of which round things are left over in most of the frames, if a marker has it, or they
     move; what is at rest and of another colour can be taken for no marker.
 

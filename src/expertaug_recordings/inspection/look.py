@@ -16,10 +16,10 @@ from expertaug_recordings.angles.marker_table import FEWEST, MarkerTable, on_tim
 from expertaug_recordings.angles.noise import measure_noise
 from expertaug_recordings.angles.pendulum_fit import SPAN_S, Gravity, find_gravity, fit_single
 from expertaug_recordings.angles.quality import trust_tracker
-from expertaug_recordings.angles.rectify import View, seen_through, worth_it
+from expertaug_recordings.angles.rectify import View, project_markers, worth_it
 from expertaug_recordings.angles.smoothing import Smoothing, longest_window, smooth_motion
 from expertaug_recordings.inspection.detect import MIN_FRAMES, Pendulum, Spot, by_hue, cleanest, look_for_pendulum
-from expertaug_recordings.inspection.left_over import left_over
+from expertaug_recordings.inspection.left_over import find_left_over
 from expertaug_recordings.markers.appearance import COLOURS, ROLES, Colour
 from expertaug_recordings.markers.geometry import Geometry, centre_of_circle, estimate_geometry
 from expertaug_recordings.markers.tracker import track_frames
@@ -125,7 +125,7 @@ def track_middle(
     return MarkerTable(frames, t, rate, *places, track.quality, np.array(track.reason, object), frames, none)
 
 
-def told_by_motion(tracked: MarkerTable, even: bool, single: bool) -> tuple[Gravity | None, View | None]:
+def find_gravity_and_view(tracked: MarkerTable, even: bool, single: bool) -> tuple[Gravity | None, View | None]:
     """Direction of gravity in the image: 0 down, 90 right; None where the motion does not tell it.  And the view that
     makes the arms steadier; None where that is not worth it.
 
@@ -145,7 +145,7 @@ def told_by_motion(tracked: MarkerTable, even: bool, single: bool) -> tuple[Grav
         return None, None
     view = worth_it(markers, usable, options.model_offsets)
     if view is not None:
-        markers = seen_through(view.matrix, markers)
+        markers = project_markers(view.matrix, markers)
     arms = find_arms(markers, usable, options)
     fitting = usable & ~arms.off
     if fitting.sum() < FEWEST:
@@ -217,7 +217,7 @@ class Look:
         """What its user should know of it."""
         beside = []
         if self.pendulum is not None:
-            beside = left_over(self.pendulum, self.spots[self.pendulum.style], len(self.footage.frames))
+            beside = find_left_over(self.pendulum, self.spots[self.pendulum.style], len(self.footage.frames))
         return ([self.footage.note] if self.footage.note else []) + beside
 
 
@@ -237,7 +237,7 @@ def look_at(video: Path, stated: StatedTimes) -> Look:
         return Look(footage, spots, pendulum, tracking, None, geometry, counts, refusal)
     settings = TrackMarkersJob.from_mapping(tracking)
     markers = track_middle(video, footage.stated, footage.times, geometry, settings)
-    gravity, view = told_by_motion(markers, footage.times is None, settings.appearance.tip is None)
+    gravity, view = find_gravity_and_view(markers, footage.times is None, settings.appearance.tip is None)
     return Look(footage, spots, pendulum, tracking, gravity, geometry, counts, view=view)
 
 

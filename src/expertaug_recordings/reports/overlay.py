@@ -220,10 +220,10 @@ def note(words: str, output: str | Path) -> None:
 def _read(markers: str | Path, angles: str | Path, summary: str | Path) -> Measured:
     points = read_table(markers, ("frame", *PLACES), made_by="track_markers")
     table = read_table(angles, ("frame", "t", "theta1", "theta2", "quality", "source"), ("reason",))
-    return measured_of(points, table, RecordingSummary.load(summary), (markers, angles, summary))
+    return read_measured(points, table, RecordingSummary.load(summary), (markers, angles, summary))
 
 
-def measured_of(
+def read_measured(
     points: pd.DataFrame,
     table: pd.DataFrame,
     summary: RecordingSummary,

@@ -66,7 +66,7 @@ def plot_recording(points: pd.DataFrame, table: pd.DataFrame, summary: Recording
     lines, warned_lines = heading.count("\n") + 1, warned.count("\n") + 1 if warned else 0
     above = 0.35 + LINE * (lines + 1.3 * warned_lines)  # inches
     heights = [0.75, 0.75, 1.5, 0.75, 0.75, 0.75, 1.2, 0.2, 0.1 + 0.2 * max(1, len(reasons))]
-    with plotting.styled():
+    with plotting.use_style():
         height = above + sum(heights) + 1.6
         figure = plotting.new_figure(height)
         figure.get_layout_engine().set(rect=(0, 0, 1, 1 - above / height))
@@ -81,10 +81,10 @@ def plot_recording(points: pd.DataFrame, table: pd.DataFrame, summary: Recording
         t, quality = table["t"].to_numpy(float), table["quality"].to_numpy(float)
         _lengths(over_time[:2], t, points.to_numpy(float)[source], table, quality)
         _angles(over_time[2], t, table, quality)
-        _smoothed(over_time[3:5], t, table, quality, summary.rotation_error_deg)
+        _draw_smoothed(over_time[3:5], t, table, quality, summary.rotation_error_deg)
         _speeds(over_time[5], t, table)
         _energy(over_time[6], t, table["energy"].to_numpy(float), quality)
-        _used(band, t, quality)
+        _draw_used(band, t, quality)
         _reasons(bars, reasons, len(t))
         for axis in over_time:
             axis.sharex(band)
@@ -96,7 +96,7 @@ def plot_recording(points: pd.DataFrame, table: pd.DataFrame, summary: Recording
 
 def plot_refused(name: str, reason: str) -> Figure:
     """The page of a recording that was left out: it says why."""
-    with plotting.styled():
+    with plotting.use_style():
         text = textwrap.fill(f"Left out: {reason}", WIDTH - 14)
         figure = plotting.new_figure(0.6 + LINE * (text.count("\n") + 1))
         figure.text(0.02, 0.95, f"Recording {name}", ha="left", va="top", fontsize=11, fontweight="bold")
@@ -124,7 +124,7 @@ def _heading(summary: RecordingSummary) -> str:
         f" {summary.usable_share:.2%}; {gaps}; {summary.interpolated} frames interpolated",
         f"Frame rate: stated {summary.rate_hz:g} Hz ({summary.rate_provenance}); {rate}; {turned}",
         *_times(summary),
-        *_rectified(summary),
+        *_describe_rectified(summary),
         f"Arms {summary.arm1_px:.2f} ± {summary.arm1_std_px:.2f} px and {summary.arm2_px:.2f} ±"
         f" {summary.arm2_std_px:.2f} px; noise of the measured angles {summary.noise1_deg:.3f}° and"
         f" {summary.noise2_deg:.3f}°, of the smoothed ones {summary.uncertainty1_deg:.3f}° and"
@@ -160,7 +160,7 @@ def _single(summary: RecordingSummary, gaps: str, turned: str) -> list[str]:
         f" {summary.usable_share:.2%}; {gaps}; {summary.interpolated} frames interpolated",
         f"Single pendulum; frame rate stated {summary.rate_hz:g} Hz ({summary.rate_provenance}); {turned}",
         *_times(summary),
-        *_rectified(summary),
+        *_describe_rectified(summary),
         f"Arm {summary.arm1_px:.2f} ± {summary.arm1_std_px:.2f} px; noise of the measured angle"
         f" {summary.noise1_deg:.3f}°, of the smoothed one {summary.uncertainty1_deg:.3f}°, of the speed"
         f" {summary.uncertainty1_rad_s:.2g} rad/s",
@@ -192,7 +192,7 @@ def _times(summary: RecordingSummary) -> list[str]:
     return [f"Times: {'; '.join(said)}"] if said else []
 
 
-def _rectified(summary: RecordingSummary) -> list[str]:
+def _describe_rectified(summary: RecordingSummary) -> list[str]:
     """How lens and view were undone, where they were."""
     done = summary.rectified
     if done is None:
@@ -215,7 +215,7 @@ def _lengths(axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, table: pd.
     """Lengths of the arms from hinge to hinge, off their medians, and how uncertain the markers make them; behind them
     in grey the distances between the markers."""
     seen, length = np.linalg.norm(np.diff(points.reshape(-1, 3, 2), axis=1), axis=2), table[list(CORRECTED[2:])]
-    plain, off = _off_median(seen), corrected_off(length.to_numpy(float), seen)
+    plain, off = _off_median(seen), correct_lengths(length.to_numpy(float), seen)
     reach = 1.3 * float(np.nanquantile(np.abs(off), 0.999)) + 0.05
     each = table[list(UNCERTAIN[len(STATE) :])].to_numpy(float)
     for k, (axis, colour) in enumerate(zip(axes, (FIRST, SECOND), strict=True)):
@@ -228,7 +228,7 @@ def _lengths(axes: Sequence[Axes], t: np.ndarray, points: np.ndarray, table: pd.
         axis.set_ylabel(f"arm {k + 1} off\n± std [px]")
 
 
-def corrected_off(length: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def correct_lengths(length: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """By how much corrected lengths (n, 2) in px are off their medians; what a single pendulum lacks is as it was
     ``seen``."""
     return _off_median(np.where(np.isfinite(length).any(0), length, seen))
@@ -250,7 +250,9 @@ def _angles(axis: Axes, t: np.ndarray, table: pd.DataFrame, quality: np.ndarray)
     axis.legend(loc="upper right", ncols=2, markerscale=6)
 
 
-def _smoothed(axes: Sequence[Axes], t: np.ndarray, table: pd.DataFrame, quality: np.ndarray, common_deg: float) -> None:
+def _draw_smoothed(
+    axes: Sequence[Axes], t: np.ndarray, table: pd.DataFrame, quality: np.ndarray, common_deg: float
+) -> None:
     """What smoothing took from each angle, and how uncertain what it left is, without what all angles share."""
     for axis, name, colour, label in zip(axes, STATE, (FIRST, SECOND), (r"$\theta_1$", r"$\theta_2$"), strict=False):
         taken, band = (np.rad2deg(v) for v in (table[f"{name}_unsmoothed"] - table[name], table[f"{name}_std"]))
@@ -281,7 +283,7 @@ def _energy(axis: Axes, t: np.ndarray, energy: np.ndarray, quality: np.ndarray) 
     axis.set_ylabel("energy [s⁻²]")
 
 
-def _used(axis: Axes, t: np.ndarray, quality: np.ndarray) -> None:
+def _draw_used(axis: Axes, t: np.ndarray, quality: np.ndarray) -> None:
     """Which frames are measured, which not: any that is not in a pixel of the band shows there."""
     columns = np.linspace(0, len(t), 1200).astype(int)[:-1]
     worst = np.minimum.reduceat(quality, columns)

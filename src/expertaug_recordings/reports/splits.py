@@ -35,7 +35,7 @@ def run_stage(data_dir: str | Path, outputs: Sequence[str | Path] | str | Path) 
     data_dir = Path(data_dir)
     first = {name: _initial_states(data_dir / f"{name}.npz") for name in SPLITS}
     energies = _energies(data_dir / "chunks.csv", {name: len(y) for name, y in first.items()})
-    with plotting.styled():
+    with plotting.use_style():
         plotting.save(plot_splits(first, energies), outputs)
 
 
@@ -46,7 +46,7 @@ def plot_splits(first: Mapping[str, np.ndarray], energies: Mapping[str, np.ndarr
         first: first states (N, 4) of each set's chunks, of a single pendulum (N, 2).
         energies: their mean energies in s⁻², (N,).
     """
-    with plotting.styled():
+    with plotting.use_style():
         figure = plotting.new_figure(3.9)
         axes = figure.subplots(2, 3)
         single = next(iter(first.values())).shape[1] == len(SINGLE)

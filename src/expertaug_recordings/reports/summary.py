@@ -54,7 +54,7 @@ def summarise(
     cells = {recording.recording: _cells(recording) for recording in measured}
     cells |= {name: {"recording": name, "refused": reason} for name, reason in left_out.items()}
     table = pd.DataFrame([cells[name] for name in sorted(cells, key=natural_key)])
-    rows = [_printed(recording) for recording in measured]
+    rows = [_print_row(recording) for recording in measured]
     lines = [_line(rows[0]), "|" + "---|" * len(rows[0]), *(_line(row.values()) for row in rows)]
     if left_out:
         lines += ["", "Left out (recordings.on_bad_recording is skip):", ""]
@@ -72,7 +72,7 @@ def _line(cells: Iterable[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _printed(recording: RecordingSummary) -> dict[str, str]:
+def _print_row(recording: RecordingSummary) -> dict[str, str]:
     """The Markdown table's row by heading; of a single pendulum what belongs to a second arm is left out."""
     b1, g1, b2, g2 = (recording.constants[name] for name in CONSTANTS)
     double = recording.pendulum == "double"

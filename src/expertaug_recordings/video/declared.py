@@ -64,7 +64,7 @@ class FilmedOtherwise(InputError):
         )
 
 
-def filmed_rate(tags: Mapping[str, str]) -> tuple[str, float] | None:
+def find_filmed_rate(tags: Mapping[str, str]) -> tuple[str, float] | None:
     """Name and value in Hz of the tag that says at which rate a video was filmed; None without one."""
     for name, value in tags.items():
         match = RATE.fullmatch(value.lower())
@@ -89,7 +89,7 @@ def refuse_filmed_otherwise(
     Raises:
         FilmedOtherwise: its tag and its times differ.
     """
-    filmed = filmed_rate({**container.metadata, **container.streams.video[0].metadata})
+    filmed = find_filmed_rate({**container.metadata, **container.streams.video[0].metadata})
     if filmed is None:
         return
     shown = timestamps.shown_ms(path, options, tick_ms)
@@ -116,7 +116,7 @@ def frame_count(
         rate_hz: its rate by its metadata.
     """
     stream = container.streams.video[0]
-    if count := kept_of_edit_list(container) or stream.frames:
+    if count := count_kept_by_edit_list(container) or stream.frames:
         return count
     length_s = (container.duration or 0) / av.time_base
     times = timestamps.packets_ms(path, options, tick_ms) if length_s > 0 else None
@@ -129,7 +129,7 @@ def frame_count(
     return math.floor(lasts[0] * rate_hz + 0.5)
 
 
-def kept_of_edit_list(container: av.container.InputContainer) -> int:
+def count_kept_by_edit_list(container: av.container.InputContainer) -> int:
     """Frames that a player shows of a clip that was trimmed by an edit list, as phones do it; 0 of any other.
 
     Its header counts what was filmed; packets that only serve to decode others are to be discarded.
@@ -159,7 +159,7 @@ def declared_rate(
     if "mov" not in container.format.name or len(entries) < 3:
         return rate
     usual = (entries[-1].timestamp - entries[0].timestamp) / (len(entries) - 1) * tick_ms
-    if abs(rate * usual / 1000 - 1) < SAME_MEAN and not kept_of_edit_list(container):
+    if abs(rate * usual / 1000 - 1) < SAME_MEAN and not count_kept_by_edit_list(container):
         return rate
     shown = timestamps.shown_ms(path, options, tick_ms)
     if shown is None or len(shown) < 3 or not (np.diff(shown) > 0).all():

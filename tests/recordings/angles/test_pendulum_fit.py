@@ -10,7 +10,7 @@ from pendulum_motion import MARKERS, markers, truth
 from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.angles.pendulum_fit import Gravity, direction_error
 from expertaug_recordings.angles.summary import RecordingSummary
-from expertaug_recordings.reports.page import _heading, corrected_off
+from expertaug_recordings.reports.page import _heading, correct_lengths
 from expertaug_recordings.reports.page import run_stage as plot_recording
 from expertaug_recordings.settings import MeasureAnglesJob
 from nightly import others_slow
@@ -75,7 +75,7 @@ def test_raw_angles_are_those_of_the_markers_and_the_corrected_ones_are_beside_t
     assert np.sqrt(np.mean(true[known] ** 2)) < 0.002 < np.sqrt(np.mean((alone - truth()[0, :2000, :2]) ** 2)) / 5
     # The page shows the lengths that are left.
     seen = np.linalg.norm(vector, axis=2)
-    shown = corrected_off(angles[["arm1_px", "arm2_px"]].to_numpy(), seen)
+    shown = correct_lengths(angles[["arm1_px", "arm2_px"]].to_numpy(), seen)
     assert (np.nanstd(shown, axis=0) < 0.2).all() and np.std(seen, axis=0).max() > 0.8
     plot_recording(*(tmp_path / name for name in ("markers.csv", "angles.csv", "angles.json")), tmp_path / "page.png")
 

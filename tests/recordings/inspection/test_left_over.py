@@ -9,7 +9,7 @@ from drawn import PAINT, draw, markers_of, swinging, write_video
 
 from expertaug_recordings.inspection.detect import find_pendulum, find_spots
 from expertaug_recordings.inspection.inspect import inspect
-from expertaug_recordings.inspection.left_over import left_over
+from expertaug_recordings.inspection.left_over import find_left_over
 from nightly import others_slow
 
 SIZE, ARMS, DIAMETER, COUNT = (340, 208), (52.0, 38.0), 16, 8
@@ -42,7 +42,7 @@ def seen(*scene):
     frames = filmed(*scene)
     spots = find_spots(frames, "disk")
     found = find_pendulum(spots, "disk", len(frames))
-    return [one is not None for one in found.spots], left_over(found, spots, len(frames))
+    return [one is not None for one in found.spots], find_left_over(found, spots, len(frames))
 
 
 BALLS = {

@@ -263,5 +263,5 @@ def test_a_matrix_that_is_no_quarter_turn_is_refused(tmp_path, degrees):
 
 
 def test_rates_of_tags():
-    assert declared.filmed_rate({"a": "1", "Capture.FPS": "119.88p"}) == ("capture.fps", 119.88)
-    assert declared.filmed_rate({"capture.fps": "1/0"}) is None
+    assert declared.find_filmed_rate({"a": "1", "Capture.FPS": "119.88p"}) == ("capture.fps", 119.88)
+    assert declared.find_filmed_rate({"capture.fps": "1/0"}) is None

@@ -56,7 +56,7 @@ def drawing(arrows: Iterable[Sequence[str]]) -> Drawing:
     if not before:
         return Drawing([], [], 0.0, 0.0)
     order = list(TopologicalSorter(before).static_order())
-    direct = _reduced(before, order)
+    direct = _reduce(before, order)
     level: dict[str, int] = {}
     for name in order:
         level[name] = max((level[rule] + 1 for rule in direct[name]), default=0)
@@ -65,7 +65,7 @@ def drawing(arrows: Iterable[Sequence[str]]) -> Drawing:
             level[name] = min(readers) - 1
     _fold(level, {name for name in order if not any(name in sources for sources in direct.values())})
     ways = [_way(source, reader, level) for reader in order for source in sorted(direct[reader])]
-    layers = _sorted(level, ways)
+    layers = _sort(level, ways)
     width = max(sum(node.width + GAP for node in layer) for layer in layers)
     x, boxes = {}, []
     for depth, layer in enumerate(layers):
@@ -79,7 +79,7 @@ def drawing(arrows: Iterable[Sequence[str]]) -> Drawing:
     return Drawing(boxes, paths, width + 2 * MARGIN, _y(len(layers) - 1) + HIGH / 2 + MARGIN)
 
 
-def _reduced(before: dict[str, set[str]], order: Sequence[str]) -> dict[str, set[str]]:
+def _reduce(before: dict[str, set[str]], order: Sequence[str]) -> dict[str, set[str]]:
     """What each reads that nothing else it reads has read already."""
     all_before: dict[str, set[str]] = {}
     for name in order:
@@ -108,7 +108,7 @@ def _way(source: str, reader: str, level: dict[str, int]) -> list[tuple[_Node, i
     return [(_Node(source), level[source]), *inner, (_Node(reader), level[reader])]
 
 
-def _sorted(level: dict[str, int], ways: Sequence[Sequence[tuple[_Node, int]]]) -> list[list[_Node]]:
+def _sort(level: dict[str, int], ways: Sequence[Sequence[tuple[_Node, int]]]) -> list[list[_Node]]:
     """The nodes of each layer, in an order that lets few arrows cross: by the mean place of their neighbours."""
     layers: list[list[_Node]] = [[] for _ in range(max(level.values()) + 1)]
     above: dict[_Node, list[_Node]] = {}

@@ -27,7 +27,7 @@ from expertaug.evaluation.tabulate import (
     main_table,
     seeds_table,
 )
-from expertaug.rows import columns, grouped, read_csv
+from expertaug.rows import columns, group_by, read_csv
 from expertaug.tracking.metrics_csv import ALONG
 from expertaug.versions import SHOWN_SETS
 
@@ -131,12 +131,12 @@ def main(long: Sequence[TabledMean], job: TabulateJob) -> Table:
     Arguments:
         long: see :func:`read_long`.
     """
-    return main_table(_shown(long), job)
+    return main_table(_choose_shown(long), job)
 
 
 def gains(long: Sequence[TabledMean], job: TabulateJob) -> Table | None:
     """What augmented versions gain over their controls, and their difference from the base model; None of none."""
-    return gains_table(_shown(long), job, _leaves_0_out, all_kinds=False)
+    return gains_table(_choose_shown(long), job, _leaves_0_out, all_kinds=False)
 
 
 def gain(mean: TabledMean | None) -> str:
@@ -148,21 +148,21 @@ def gain(mean: TabledMean | None) -> str:
 
 def choice(long: Sequence[TabledMean], job: TabulateJob) -> Table | None:
     """The version that validation chooses, among the others that it may choose; None where there is no choice."""
-    return choice_table(_shown(long), job)
+    return choice_table(_choose_shown(long), job)
 
 
 def worst_seeds(long: Sequence[TabledMean], job: TabulateJob) -> Table | None:
     """The worst seed of each version; None where no version has several."""
-    return seeds_table(_shown(long), job)
+    return seeds_table(_choose_shown(long), job)
 
 
 def further(long: Sequence[TabledMean], job: TabulateJob) -> Table:
     """All other metrics, a row for each and each method, a column for each set that is shown."""
-    shown = _shown(long)
+    shown = _choose_shown(long)
     return further_table(shown, job, (*tabled_metrics(shown, job.convention), COST.name))
 
 
-def _shown(long: Sequence[TabledMean]) -> list[TabledMean]:
+def _choose_shown(long: Sequence[TabledMean]) -> list[TabledMean]:
     return [mean for mean in long if mean.set in SHOWN_SETS]
 
 
@@ -237,7 +237,7 @@ class Published(Numbers):
         """Of the methods that were run, a part for each experiment and metric."""
         titles = {experiment.name: experiment.of_experiment(experiment.name) for experiment in job.experiments}
         run, parts = [row for row in self.rows if row.of > 0], []
-        for (experiment, metric), part in grouped(run, lambda row: (row.experiment, row.metric)).items():
+        for (experiment, metric), part in group_by(run, lambda row: (row.experiment, row.metric)).items():
             digits = int(any(row.published_mean % 1 != 0 for row in part))  # as printed in the paper's table of it
             rows = [
                 [

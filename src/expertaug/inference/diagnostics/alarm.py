@@ -53,7 +53,7 @@ def auroc(scores: Array, failing: Array, confidence: float = 0.95) -> Area:
     Raises:
         InputError: the shapes disagree, or a score is NaN.
     """
-    score, bad = labelled(scores, failing)
+    score, bad = label_failing(scores, failing)
     m, n = int(bad.sum()), int((~bad).sum())
     if not m or not n:
         return Area(np.nan, np.nan, np.nan, m, n)
@@ -89,7 +89,7 @@ def roc(scores: Array, failing: Array) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         InputError: as :func:`auroc`, or no window fails, or all do.
     """
-    score, bad = labelled(scores, failing)
+    score, bad = label_failing(scores, failing)
     if bad.all() or not bad.any():
         raise InputError("failing", f"{bad.sum()} of {len(bad)} windows", "a ROC curve needs failing ones and others")
     steps = np.unique(score)[::-1]
@@ -100,7 +100,7 @@ def roc(scores: Array, failing: Array) -> tuple[np.ndarray, np.ndarray]:
     return shares[0], shares[1]
 
 
-def labelled(scores: Array, failing: Array) -> tuple[np.ndarray, np.ndarray]:
+def label_failing(scores: Array, failing: Array) -> tuple[np.ndarray, np.ndarray]:
     """Scores (N,) and, as booleans (N,), which windows fail.
 
     Raises:
@@ -289,7 +289,7 @@ def caught(scores: Array, failing: Array, threshold: float) -> tuple[float, tupl
     Raises:
         InputError: the shapes disagree, or a score is NaN.
     """
-    score, bad = labelled(scores, failing)
+    score, bad = label_failing(scores, failing)
     if not bad.any():
         return np.nan, (np.nan, np.nan)
     count, n = int((score[bad] > threshold).sum()), int(bad.sum())

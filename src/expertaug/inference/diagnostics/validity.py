@@ -215,7 +215,7 @@ def refit(
     assert estimates.z_e is not None and estimates.z_a is not None and estimates.chi2 is not None
     fit, y = estimator.fit, windows.joined.cpu().double()
     x = fit.coordinates(estimates.to(y), fit.first(y))
-    new, x_new = _fitted(fit, x, y, how)
+    new, x_new = _fit(fit, x, y, how)
     squares, changes = _difference(fit, new, x, x_new, y)
     chi2_after = _chi2(new, x_new, y)
     wrong = None
@@ -232,7 +232,7 @@ def refit(
     return Refit(estimates.z_e.cpu().double(), _chi2(fit, x, y), chi2_after, squares, changes, wrong)
 
 
-def _fitted(fit: WindowFit, x: Tensor, y: Tensor, how: ValiditySettings) -> tuple[WindowFit, Tensor]:
+def _fit(fit: WindowFit, x: Tensor, y: Tensor, how: ValiditySettings) -> tuple[WindowFit, Tensor]:
     """The fit with an F_a that has taken gradient steps on windows y (T1, S, N, *observed), and the estimates by it."""
     new = copy.copy(fit)
     new.decoder = copy.deepcopy(fit.decoder).requires_grad_(True)

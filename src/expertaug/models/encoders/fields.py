@@ -12,11 +12,11 @@ from torch import Tensor, nn
 from expertaug.models.networks.convolutional import Conv, StandardiseChannels, differences, grid_rank, layer_averages
 from expertaug.models.networks.layers import MLP, Standardise
 from expertaug.models.posterior import Delta, Posterior, constrain
-from expertaug.models.settings import ConvSettings, MomentSettings, configured_by
+from expertaug.models.settings import ConvSettings, MomentSettings, configure_by
 from expertaug.systems import System
 
 
-@configured_by(ConvSettings)
+@configure_by(ConvSettings)
 class ConvEncoder(nn.Module):
     """Deep CNN over the observed frames, stacked as channels (paper, appendix, reaction–diffusion).
 
@@ -128,7 +128,7 @@ class Moments(nn.Module):
         return moments.flatten(-2)
 
 
-@configured_by(MomentSettings)
+@configure_by(MomentSettings)
 class MomentEncoder(nn.Module):
     """MLP on the observed frames' :class:`Moments`.
 

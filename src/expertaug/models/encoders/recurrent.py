@@ -8,11 +8,11 @@ from torch import Tensor, nn
 
 from expertaug.models.networks.layers import GRU, MLP, feature_count
 from expertaug.models.posterior import Delta, Posterior, constrain
-from expertaug.models.settings import RecurrentSettings, configured_by
+from expertaug.models.settings import RecurrentSettings, configure_by
 from expertaug.systems import System
 
 
-@configured_by(RecurrentSettings)
+@configure_by(RecurrentSettings)
 class RecurrentEncoder(nn.Module):
     """GRU over the observed states; z_a is its last hidden state, an MLP maps it to z_e (paper, appendix, pendulum).
 

@@ -29,7 +29,7 @@ from expertaug.models.networks.convolutional import (
 )
 from expertaug.models.networks.layers import MLP, Linear, Standardise, feature_count
 from expertaug.models.posterior import Gaussian, Normal, Posterior
-from expertaug.models.settings import ConvTwoStepSettings, TwoStepSettings, configured_by
+from expertaug.models.settings import ConvTwoStepSettings, TwoStepSettings, configure_by
 from expertaug.systems import System
 
 LOG_STD, SPREAD = -3.0, 4.0  # standard deviations begin near e⁻³ and stay within e⁻⁷ and e
@@ -84,7 +84,7 @@ class TwoStep(nn.Module):
         return Posterior(self.infer(filtered), z_a, used, filtered)
 
 
-@configured_by(TwoStepSettings)
+@configure_by(TwoStepSettings)
 class MLPTwoStep(TwoStep):
     """Fully connected g_a, g_p1 and g_p2 (paper, app. HVAE, pendulum and RLC).
 
@@ -198,7 +198,7 @@ def _gaussian(outputs: Tensor, parameters: Sequence | None = None) -> Gaussian:
     return Gaussian(loc, LOG_STD + SPREAD * torch.tanh(raw / SPREAD), parameters)
 
 
-@configured_by(ConvTwoStepSettings)
+@configure_by(ConvTwoStepSettings)
 class ConvTwoStep(TwoStep):
     """CNNs for g_a and g_p2, a conditional U-Net for g_p1 (paper, app. HVAE, reaction–diffusion).
 

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from expertaug.errors import InputError
 from expertaug.models.networks.layers import MLP, Linear, Standardise, feature_count
 from expertaug.models.posterior import Delta, Posterior, constrain
-from expertaug.models.settings import WindowSettings, configured_by
+from expertaug.models.settings import WindowSettings, configure_by
 from expertaug.systems import System
 from expertaug.systems.base import constant_like
 
@@ -95,7 +95,7 @@ def _select(system: System, name: str, window: Sequence[float], times: Tensor) -
     return names.index(name), sorted({0, *inside})
 
 
-@configured_by(WindowSettings)
+@configure_by(WindowSettings)
 class WindowEncoder(nn.Module):
     """MLP over windows of chosen components (paper, appendix, double pendulum).
 

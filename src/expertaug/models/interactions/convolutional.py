@@ -13,14 +13,14 @@ from torch import Tensor, nn
 from expertaug.models.interactions.base import Interaction
 from expertaug.models.networks.convolutional import Conv, by_products, convolve, grid_rank, wrap
 from expertaug.models.networks.layers import Linear
-from expertaug.models.settings import ConvInteractionSettings, configured_by
+from expertaug.models.settings import ConvInteractionSettings, configure_by
 from expertaug.systems import System
 
 IN_CACHE = 16  # fields whose patches a core keeps at hand: all at once take three times as long
 PRECISIONS = {"float32": None, "bfloat16": torch.bfloat16}
 
 
-@configured_by(ConvInteractionSettings)
+@configure_by(ConvInteractionSettings)
 class ConvInteraction(Interaction):
     """CNN on the state's fields, with z_a as constant channels (paper, appendix, reaction–diffusion).
 

@@ -10,14 +10,14 @@ from torch.nn.functional import softplus
 
 from expertaug.models.interactions.base import Interaction
 from expertaug.models.networks.layers import Linear
-from expertaug.models.settings import DampingSettings, configured_by
+from expertaug.models.settings import DampingSettings, configure_by
 from expertaug.systems import System
 from expertaug.systems.base import constant_like
 
 START = -2.0  # of the argument of softplus: a damping of .13 per unit of time
 
 
-@configured_by(DampingSettings)
+@configure_by(DampingSettings)
 class DampingInteraction(Interaction):
     """F_a(y; z_a) = −softplus(w·z_a + b) y on the rates of ``components``: a linear damping.
 

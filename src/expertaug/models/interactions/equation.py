@@ -10,12 +10,12 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.models.interactions.base import Interaction
-from expertaug.models.settings import EquationSettings, configured_by
+from expertaug.models.settings import EquationSettings, configure_by
 from expertaug.models.terms import Term, quantities
 from expertaug.systems import System
 
 
-@configured_by(EquationSettings)
+@configure_by(EquationSettings)
 class EquationInteraction(Interaction):
     """F_a = Σ c_k f_k(y, u; z_e), each term in the rate of one component (:class:`~expertaug.models.terms.Term`).
 

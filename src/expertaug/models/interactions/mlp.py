@@ -11,12 +11,12 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.models.interactions.base import Interaction
 from expertaug.models.networks.layers import MLP, Linear, affine, feature_count
-from expertaug.models.settings import MLPSettings, configured_by
+from expertaug.models.settings import MLPSettings, configure_by
 from expertaug.systems import System
 from expertaug.systems.base import constant_like
 
 
-@configured_by(MLPSettings)
+@configure_by(MLPSettings)
 class MLPInteraction(Interaction):
     """MLP on the state's features and z_a (paper, appendix).
 

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from expertaug.models.interactions.base import Interaction
 from expertaug.models.networks.layers import MLP
-from expertaug.models.settings import PolynomialSettings, configured_by
+from expertaug.models.settings import PolynomialSettings, configure_by
 from expertaug.systems import System
 
 # Standard deviations of the training set from which the terms stay constant: no cubic sends a forecast to infinity.
@@ -19,7 +19,7 @@ FARTHEST = 10.0
 START = 0.01  # of a linear layer's usual first size
 
 
-@configured_by(PolynomialSettings)
+@configure_by(PolynomialSettings)
 class PolynomialInteraction(Interaction):
     """F_a(y; z_a) = Σ c_i(z_a) φ_i(y), φ_i the polynomials that are orthonormal over the training set's states.
 

@@ -51,17 +51,17 @@ def adams_bashforth(
             rates = frame.carried(rates)
             continue
         here = frame.into(states[-1]) if here is None else here
-        new, *rest = frame.carried([_moved(here, rates, PREDICTED[len(rates)], h), *rates[: order - 1]])
+        new, *rest = frame.carried([_move(here, rates, PREDICTED[len(rates)], h), *rates[: order - 1]])
         if len(rates) < order:
             ahead, *weights = CORRECTED[len(rates)]
             predicted = frame.into(f(begin + h, frame.back(new)))
-            new = frame.carried([_moved(here, rates, weights, h)])[0] + h * ahead * predicted
+            new = frame.carried([_move(here, rates, weights, h)])[0] + h * ahead * predicted
         here, rates = new, rest
         states.append(frame.back(here))
     return torch.stack(states)
 
 
-def _moved(y: Tensor, rates: Sequence[Tensor], weights: Sequence[float], h: float) -> Tensor:
+def _move(y: Tensor, rates: Sequence[Tensor], weights: Sequence[float], h: float) -> Tensor:
     for rate, weight in zip(rates, weights, strict=True):
         y = torch.add(y, rate, alpha=h * weight)
     return y
