@@ -48,10 +48,10 @@ from torch import nn
 
 from expertaug.models.networks.layers import MLP, feature_count
 from expertaug.models.posterior import Delta, Posterior, constrain
-from expertaug.models.settings import MeanSettings, configured_by
+from expertaug.models.settings import MeanSettings, configure_by
 
 
-@configured_by(MeanSettings)
+@configure_by(MeanSettings)
 class MeanEncoder(nn.Module):
     """A network of the mean of the observed states.
 

@@ -23,7 +23,7 @@ def test_arrays_go_in_as_float32_and_come_back_as_they_were():
 
 def test_what_all_seeds_share_stands_once_for_each():
     value = torch.arange(24.0).reshape(4, 3, 2)
-    shared = arguments.grouped(value, 5)
+    shared = arguments.stack_seeds(value, 5)
     assert shared.shape == (3, 5, 4, 2)
     assert all(torch.equal(shared[:, k].movedim(0, 1), value) for k in range(5))
 

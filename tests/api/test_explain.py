@@ -170,11 +170,11 @@ def test_the_equation_is_a_model_like_any_other(sets, found, tmp_path):
 
 
 def test_an_equation_that_is_written_as_a_class_is_the_same(sets, found, tmp_path, monkeypatch):
-    (tmp_path / "rubbed_pendulum.py").write_text(found.source("RubbedPendulum"))
+    (tmp_path / "written_as_a_class.py").write_text(found.source("RubbedPendulum"))
     monkeypatch.syspath_prepend(tmp_path)
-    import rubbed_pendulum
+    import written_as_a_class
 
-    system = rubbed_pendulum.RubbedPendulum()
+    system = written_as_a_class.RubbedPendulum()
     assert [p.name for p in system.expert_parameters] == ["omega0", "c0"]
     y = torch.from_numpy(sets[0].y[:, 3]).double()
     z_e, own = torch.full((len(y), 1), 2.0).double(), torch.full((len(y), 1), -0.3).double()

@@ -34,6 +34,20 @@ def test_an_experiment_may_differ_under_a_preset(base: dict) -> None:
     assert default.data == plain.data and default.training == plain.training
 
 
+def test_keys_of_a_preset_that_is_not_chosen_may_be_those_of_a_kind_that_is_replaced(base: dict) -> None:
+    presets = {"code": {"model": {"interaction": {"layers": [8]}}}}
+    own = {"kind": "equation", "terms": ["omega: abs(omega) * omega"]}
+    over = {"run": ["pendulum"], "experiments": {"pendulum": {"model": {"interaction": own}, "presets": presets}}}
+    over["experiments"]["pendulum"] |= {
+        "methods": ["aphynity"],
+        "augmented": ["aphynity"],
+        "controls": [],
+        "refined": [],
+        "flows": [],
+    }
+    assert config.validate(config.merge(base, over)).experiments["pendulum"].model.interaction["kind"] == "equation"
+
+
 def test_choices_win_over_those_of_an_experiments_presets(base: dict) -> None:
     presets = {"corrected": {"choices": {"resample": "epoch", "supervision": "raw"}}}
     over = {"experiments": {"pendulum": {"presets": presets}}}
@@ -108,12 +122,12 @@ def test_the_command_line_says_words_and_numbers_as_snakemake_hands_them_on():
 def test_where_a_value_was_said_goes_with_it():
     one = Located({"a": Located({"x": 1, "y": 2}, {"x": "one:1", "y": "one:2"})}, {"a": "one:0"})
     two = Located({"a": Located({"y": 3}, {"y": "two:1"})}, {"a": "two:0"})
-    merged = layers.merge(layers.marked(one, "by a preset"), two)
+    merged = layers.merge(layers.mark(one, "by a preset"), two)
     assert layers.origin_of(merged, ["a", "x"]) == "one:1, by a preset"
     assert layers.origin_of(merged, ["a", "y"]) == "two:1" and layers.origin_of(merged, ["b"]) is None
 
 
 def test_an_experiment_that_is_based_on_itself_takes_those_above_it_along():
     blocks = {"a": {"based_on": "b"}, "b": {"based_on": "a"}, "c": {"based_on": "a"}, "d": {"x": 1}}
-    made, errors = layers.layers({name: Located(block) for name, block in blocks.items()}, "corrected")
+    made, errors = layers.inherit({name: Located(block) for name, block in blocks.items()})
     assert list(made) == ["d"] and [error.where for error in errors] == ["experiments.b.based_on"]

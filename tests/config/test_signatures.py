@@ -117,7 +117,7 @@ def test_a_constructor_says_what_a_configuration_may_give_it():
     assert signatures.takes(Own, "times") and not signatures.accepts(Own, "encoder", "times")
     assert signatures.accepts(Own, "encoder", "name") and not signatures.accepts(Own, "encoder", "nme")
     assert signatures.accepts(Anything, "encoder", "nme")
-    assert signatures.made_by_constructor(Own, "names") and not signatures.made_by_constructor(Own, "label")
+    assert signatures.is_set_by_constructor(Own, "names") and not signatures.is_set_by_constructor(Own, "label")
 
 
 def test_every_wrong_option_is_told():

@@ -92,7 +92,7 @@ def test_studies_change_only_the_jobs_that_they_need(base: dict) -> None:
     assert jobs.studies(found, "x") == ["out_of_expertise"], "null takes away"
     assert jobs.variants(found, "plain") == jobs.variants(plain, "plain")
     assert "aphynity+wide" in jobs.further_variants(found, "plain")
-    assert jobs.studied(found, "plain", "prior_width")[:2] == ["aphynity", "aphynity+"]
+    assert jobs.list_studied(found, "plain", "prior_width")[:2] == ["aphynity", "aphynity+"]
     trained = stage_settings.train(found, "plain", "aphynity", group)
     assert trained.pop("snapshots") == [1, 5]
     assert trained == stage_settings.train(plain, "plain", "aphynity", group)
@@ -122,7 +122,7 @@ def test_what_windows_share_is_told_only_to_what_shares_it(base):
     for name, found in (("with", with_units), ("without", without)):
         jobs_of[name] = {
             (stage, *names): STAGES[stage].settings_of(found, *names)
-            for stage, names in planned.planned(found)
+            for stage, names in planned.plan(found)
             if stage in ("train", "alternate", "share", "evaluate", "validity", "dissipation")
         }
     sharing = {"least_squares_shared", "alternating_shared"}

@@ -55,7 +55,9 @@ def test_a_friction_is_read_from_the_states_that_it_was_asked_at():
     decoder, states = build_decoder(system, Learned, 0, [0], T), torch.from_numpy(y).unsqueeze(1)
     estimates = Estimates(states[0], torch.full((1, 4, 1), 2.0), torch.zeros(1, 4, 0))
     terms, sizes = [ea.Term("omega", text) for text in ("1", "omega")], torch.ones(2, dtype=torch.float64)
-    (found,) = network.learned(decoder, estimates, states, torch.arange(9) * 0.1, None, terms, sizes, [0], False)
+    (found,) = network.describe_learned(
+        decoder, estimates, states, torch.arange(9) * 0.1, None, terms, sizes, [0], False
+    )
     one = Formula((terms[1],), (True,))
     assert found.formulas(3)[0] == one and found.numbers == 4 * 9
     theta, omega = y[..., 0].ravel(), y[..., 1].ravel()

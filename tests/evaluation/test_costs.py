@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from expertaug.evaluation.costs import Cost, as_csv, of_run, published, read
+from expertaug.evaluation.costs import Cost, as_csv, of_run, read, read_published
 
 
 def test_published_costs_are_read_again_and_stages_are_called_as_they_are_today(tmp_path):
@@ -12,7 +12,7 @@ def test_published_costs_are_read_again_and_stages_are_called_as_they_are_today(
     costs = {"train/a": Cost(3.04, 2.0, 100.4), "along/b": Cost(1.5)}
     (tmp_path / "run" / "costs.csv").write_text(as_csv(costs), encoding="utf-8")
     assert read(tmp_path / "run" / "costs.csv") == {"train/a": Cost(3.0, 2.0, 100.0), "during_training/b": Cost(1.5)}
-    assert published(tmp_path) == {"run": {"train/a": 2.0, "during_training/b": 1.5}}
+    assert read_published(tmp_path) == {"run": {"train/a": 2.0, "during_training/b": 1.5}}
 
 
 def test_alone_a_job_takes_its_processor_time_where_that_is_known_and_never_longer_than_the_clock_says():

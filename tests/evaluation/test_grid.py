@@ -28,7 +28,7 @@ def expanded(keys, method="aphynity", overrides=None):
     study = {"studies": {"grid": {"method": method, "keys": keys}}, "overrides": overrides or {}}
     raw = configuration.load([ROOT / "config" / "config.yaml", ROOT / "config" / "smoke.yaml"])
     raw = configuration.merge(raw, {"run": ["rlc"], "experiments": {"rlc": study}})
-    return configuration.completed(raw)
+    return configuration.complete_configuration(raw)
 
 
 def train(config, method):

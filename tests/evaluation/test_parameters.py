@@ -43,7 +43,7 @@ def test_long_units_of_many_methods_do_not_collide(tmp_path, monkeypatch):
     monkeypatch.setattr(plotting, "quantity", lambda name, unit: "$b$ [1/(m s)^2]")
     paths = dict.fromkeys([f"Method {k}" for k in range(7)], write_double_forecasts(tmp_path)["hybrid"])
     figure = parameters.parameters(loaded(paths))
-    with plotting.styled():
+    with plotting.use_style():
         figure.draw_without_rendering()
         boxes = [axis.xaxis.label.get_window_extent() for axis in figure.axes]
         boxes += [axis.yaxis.label.get_window_extent() for axis in figure.axes if axis.get_ylabel()]

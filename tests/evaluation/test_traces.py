@@ -179,7 +179,7 @@ def test_labels_of_a_loss_that_falls_below_zero_do_not_collide(tmp_path):
     figure = traces.curves(map(read_log, logs))
     axis = figure.axes[0]
     assert axis.get_yscale() == "symlog"
-    with plotting.styled():
+    with plotting.use_style():
         figure.draw_without_rendering()
     boxes = [tick.label1.get_window_extent() for tick in axis.yaxis.get_major_ticks() if tick.label1.get_text()]
     shown = sorted((box.y0, box.y1) for box in boxes if axis.bbox.y0 <= (box.y0 + box.y1) / 2 <= axis.bbox.y1)

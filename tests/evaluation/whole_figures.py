@@ -7,7 +7,7 @@ from expertaug import plotting
 
 def assert_nothing_is_cut(figure):
     """All texts and legends lie inside the page, and the legend touches no panel."""
-    with plotting.styled():
+    with plotting.use_style():
         figure.draw_without_rendering()
         renderer = figure.canvas.get_renderer()
         page = figure.bbox

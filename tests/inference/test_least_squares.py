@@ -13,7 +13,7 @@ import expertaug as ea
 from expertaug import systems
 from expertaug.api.arguments import RefinementOptions
 from expertaug.errors import InputError
-from expertaug.inference.least_squares import estimator_of, refined_by
+from expertaug.inference.least_squares import estimator_of, refine_by
 from expertaug.learning import train as train_stage
 from expertaug.learning.settings import SolverOnly, UntrainedOptions
 from expertaug.models import describe

@@ -1,3 +1,3 @@
 """A fixture that several of these tests take."""
 
-from logged import inspected  # noqa: F401
+from logger_tables import inspected  # noqa: F401

@@ -122,4 +122,4 @@ def test_labels_known_in_part_and_from_the_start(tmp_path):
     assert np.array_equal(found.z_e[:, 0], found.y[:, 0, 1])
     path.write_text("\n".join([*lines[:5], lines[5].replace(",2.0", ",2.1"), *lines[6:]]))
     with pytest.raises(InputError, match=r"omega0 is 2 in row 2 and 2.1 in row 6; a parameter is constant"):
-        measured(settings(path, z_e={"omega0": "frequency"}), NAMES)
+        measure(settings(path, z_e={"omega0": "frequency"}), NAMES)

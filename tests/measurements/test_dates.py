@@ -12,7 +12,7 @@ from swings import NAMES, swing
 from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.measurements import dates
-from expertaug.measurements.cut import measured
+from expertaug.measurements.cut import measure
 from expertaug.measurements.settings import Column, MeasurementSettings
 
 Y = swing(1.0, points=120)

@@ -5,7 +5,7 @@ import pytest
 from swings import NAMES, STEP, settings, swing, table, trials
 
 from expertaug.errors import InputError
-from expertaug.measurements.cut import all_chunks, measured
+from expertaug.measurements.cut import all_chunks, measure
 from expertaug.measurements.grid import round_step, times_of
 
 

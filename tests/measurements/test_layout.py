@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from logged import T, Y, csv, rows_of
+from logger_tables import T, Y, csv, rows_of
 from swings import NAMES
 
 from expertaug.errors import InputError
-from expertaug.measurements.cut import measured
+from expertaug.measurements.cut import measure
 from expertaug.measurements.layout import recognise
 from expertaug.measurements.settings import MeasurementSettings, TableKeys
 from expertaug.measurements.table import read_table
@@ -91,7 +91,7 @@ def test_long_tables_of_several_trajectories_units_and_rates(inspected):
     _, data = inspected("\n".join(["run;time [s];channel;reading;unit;quality", *rows]) + "\n")
     assert data["files"]["pivot"]["unit"] == "unit"
     assert data["files"]["columns"]["theta"] == {"name": "angle", "unit": "deg"}
-    grid = measured(MeasurementSettings.from_mapping(data["files"]), NAMES).grid
+    grid = measure(MeasurementSettings.from_mapping(data["files"]), NAMES).grid
     assert len(grid.series) == 3
     np.testing.assert_allclose(grid.series[1].rows.y[:, 0], Y[:, 0], atol=1e-5)
     assert np.isnan(grid.series[1].rows.y[1::2, 1]).all()

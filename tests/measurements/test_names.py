@@ -9,14 +9,14 @@ import pytest
 from swings import NAMES, settings, trials
 
 from expertaug.errors import InputError
-from expertaug.measurements.cut import all_chunks, measured
+from expertaug.measurements.cut import all_chunks, measure
 from expertaug.measurements.names import Names
 
 
 def test_states_come_in_the_order_of_the_names_whatever_that_of_the_columns(tmp_path):
     path = trials(tmp_path, count=1)
     other = Names(dict(reversed(NAMES.state.items())), NAMES.parameters)
-    one, turned = (all_chunks(measured(settings(path), names)) for names in (NAMES, other))
+    one, turned = (all_chunks(measure(settings(path), names)) for names in (NAMES, other))
     assert np.array_equal(one.y, turned.y[..., ::-1]) and one.u is None
 
 
@@ -33,4 +33,4 @@ def test_known_inputs_are_what_the_names_say_of_them(tmp_path, said, change, mes
         trials(tmp_path, count=1), **{"columns": {"theta": "angle"}, "inputs": {"torque": "speed"}} | change
     )
     with pytest.raises(InputError, match=message):
-        all_chunks(measured(given, replace(NAMES, inputs={"torque": ""}, **said)))
+        all_chunks(measure(given, replace(NAMES, inputs={"torque": ""}, **said)))

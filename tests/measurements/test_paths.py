@@ -9,7 +9,7 @@ import pytest
 from swings import NAMES, settings, swing, table
 
 from expertaug.errors import InputError
-from expertaug.measurements.cut import measured
+from expertaug.measurements.cut import measure
 from expertaug.measurements.paths import list_files, verify
 
 
@@ -19,7 +19,7 @@ def test_files_are_in_natural_order_and_named_shortly(tmp_path):
     files = list_files([f"{tmp_path}/b/*.csv", f"{tmp_path}/**/run2.csv"])
     assert [str(file.relative_to(tmp_path)) for file in files] == ["a/run2.csv", "b/run2.csv", "b/run10.csv"]
     given = settings([str(file) for file in files], trajectory=None, columns={"theta": "angle"})
-    assert [one.name for one in measured(given, NAMES).grid.series] == ["a/run2", "b/run2", "b/run10"]
+    assert [one.name for one in measure(given, NAMES).grid.series] == ["a/run2", "b/run2", "b/run10"]
 
 
 def test_files_are_those_of_their_checksums_or_refused(tmp_path):

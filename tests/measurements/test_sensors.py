@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
-from logged import T, Y, csv, rows_of
+from logger_tables import T, Y, csv, rows_of
 from swings import NAMES
 
 from expertaug.errors import InputError
-from expertaug.measurements.cut import all_chunks, measured
+from expertaug.measurements.cut import all_chunks, measure
 from expertaug.measurements.sensors import marks_of_nothing
 from expertaug.measurements.settings import MeasurementSettings
 from nightly import others_slow

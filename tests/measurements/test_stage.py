@@ -7,7 +7,7 @@ import json
 import pytest
 from swings import NAMES, settings, trials
 
-from expertaug.measurements.cut import measured, sets_of
+from expertaug.measurements.cut import measure, sets_of
 from expertaug.measurements.settings import SplitSettings
 from expertaug.measurements.stage import chunks_table, cut_measurements, describe_sets
 from expertaug.trajectories import Trajectories
@@ -30,7 +30,7 @@ def test_the_stage_writes_sets_and_says_what_they_are(tmp_path):
 
 
 def test_what_the_stage_says_is_a_call_in_memory(tmp_path):
-    data = measured(settings(trials(tmp_path), split=SplitSettings(by="time")), NAMES)
+    data = measure(settings(trials(tmp_path), split=SplitSettings(by="time")), NAMES)
     divided = sets_of(data)
     table, report = chunks_table(data, divided), describe_sets(data, divided)
     assert table.groupby("split").size().to_dict() == report["chunks"]

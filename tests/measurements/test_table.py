@@ -12,7 +12,7 @@ from swings import NAMES, settings, swing, table, trials
 
 from expertaug.errors import InputError
 from expertaug.measurements import table as module
-from expertaug.measurements.cut import all_chunks, measured
+from expertaug.measurements.cut import all_chunks, measure
 from expertaug.measurements.settings import Pivot, TableKeys
 from expertaug.measurements.table import read_table
 
@@ -156,7 +156,7 @@ def test_parquet_npz_and_csv_give_the_same_chunks(tmp_path):
     frame = pd.read_csv(path)
     frame.to_parquet(tmp_path / "swings.parquet")
     np.savez(tmp_path / "swings.npz", **{name: frame[name].to_numpy() for name in frame})
-    found = [all_chunks(measured(settings(tmp_path / f"swings.{end}"), NAMES)) for end in ("csv", "parquet", "npz")]
+    found = [all_chunks(measure(settings(tmp_path / f"swings.{end}"), NAMES)) for end in ("csv", "parquet", "npz")]
     for other in found[1:]:
         assert np.array_equal(found[0].y, other.y) and np.array_equal(found[0].t, other.t)
 

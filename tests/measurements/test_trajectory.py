@@ -8,7 +8,7 @@ import pytest
 from swings import NAMES, settings, swing, table
 
 from expertaug.errors import InputError
-from expertaug.measurements.cut import all_chunks, measured
+from expertaug.measurements.cut import all_chunks, measure
 from expertaug.measurements.settings import Column
 from expertaug.measurements.trajectory import read
 
@@ -22,7 +22,7 @@ def test_columns_are_converted_to_the_system_s_units(tmp_path):
         "omega": Column(name="rpm", unit="rpm", factor=-1.0),
     }
     given = settings(path, trajectory=None, time=Column(name="ms", unit="ms"), columns=columns)
-    chunk = all_chunks(measured(given, NAMES))
+    chunk = all_chunks(measure(given, NAMES))
     assert np.allclose(chunk.y[0], y[:20], atol=1e-6) and chunk.t[1] == pytest.approx(0.05)
 
 
@@ -30,7 +30,7 @@ def test_dates_are_times(tmp_path):
     times = pd.date_range("2024-05-31T12:00:00", periods=50, freq="250ms")
     path = table(tmp_path / "a.csv", {"when": [t.isoformat() for t in times], "angle": swing(1.0)[:50, 0]})
     given = settings(path, trajectory=None, time=Column(name="when", unit="datetime"), columns={"theta": "angle"})
-    assert measured(given, NAMES).grid.row_s == 0.25
+    assert measure(given, NAMES).grid.row_s == 0.25
 
 
 def test_each_trajectory_has_its_rows_in_order_and_each_time_once(tmp_path):

@@ -14,7 +14,7 @@ from expertaug.models.settings import (
     PartsSettings,
     Refinement,
     RefinementSettings,
-    configured_by,
+    configure_by,
 )
 
 
@@ -49,7 +49,7 @@ def test_a_refinement_of_some_seeds_has_what_was_estimated_with_them():
 
 
 def test_a_class_that_settings_configure_has_them_in_its_signature_and_in_its_docstring():
-    @configured_by(DampingSettings)
+    @configure_by(DampingSettings)
     class Own:
         """Arguments:"""
 

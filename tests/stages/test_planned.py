@@ -5,9 +5,9 @@ from __future__ import annotations
 from expertaug.stages import STAGES
 from expertaug.stages.files import Files
 from expertaug.stages.planned import (
-    kept,
+    list_kept,
     overviews,
-    planned,
+    plan,
     products_of,
     products_of_all,
     stages_read,
@@ -18,7 +18,7 @@ from shipped import alone, valid
 
 
 def test_no_job_is_planned_twice_and_every_version_has_the_jobs_that_make_it(files):
-    jobs = [job for job in planned(files.config) if job[0] != "log_evaluations"]
+    jobs = [job for job in plan(files.config) if job[0] != "log_evaluations"]
     assert len(jobs) == len({str(job) for job in jobs})
     of_stage = {}
     for stage, names in jobs:
@@ -33,7 +33,7 @@ def test_no_job_is_planned_twice_and_every_version_has_the_jobs_that_make_it(fil
 
 
 def test_stages_read_what_others_of_the_run_make(files):
-    run = {stage for stage, _ in planned(files.config)}
+    run = {stage for stage, _ in plan(files.config)}
     pairs = stages_read(files.config)
     assert {("simulate", "train"), ("train", "augment"), ("augment", "finetune"), ("evaluate", "tabulate")} <= set(
         pairs
@@ -53,12 +53,14 @@ def test_studies_are_made_after_all_that_they_read(files):
 def test_what_is_kept_of_a_run_is_all_that_it_shows_with_figures_as_pictures(files):
     shown = [*products_of(files, "pendulum"), *products_of_all(files)]
     assert len(shown) == len(set(shown))
-    assert {path.removeprefix("results/") for path in shown if not path.endswith(".pdf")} <= set(kept(["pendulum"]))
-    assert not any(path.endswith(".pdf") for path in kept(["pendulum"]))
+    assert {path.removeprefix("results/") for path in shown if not path.endswith(".pdf")} <= set(
+        list_kept(["pendulum"])
+    )
+    assert not any(path.endswith(".pdf") for path in list_kept(["pendulum"]))
 
 
 def test_a_run_that_shows_nothing_of_all_experiments_has_no_figures_of_them(files):
     assert overviews(files.config) == ["log_mse", "parameter_errors"]
     hidden = Files(valid(alone("pendulum"), "experiments: {pendulum: {evaluation: {overview: false}}}"))
     assert overviews(hidden.config) == []
-    assert "overview" not in {stage for stage, _ in planned(hidden.config)}
+    assert "overview" not in {stage for stage, _ in plan(hidden.config)}

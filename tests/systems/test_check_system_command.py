@@ -209,7 +209,7 @@ def test_what_is_wrong_in_any_experiment_is_told(project, capsys):
 
 
 def complete(file) -> Configuration:
-    return config.completed(config.load(config.with_defaults([file])))
+    return config.complete_configuration(config.load(config.with_defaults([file])))
 
 
 def test_points_of_a_grid_are_checked(project):

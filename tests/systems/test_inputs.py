@@ -9,7 +9,7 @@ import torch
 from expertaug.errors import InputError
 from expertaug.systems.bouncing_ball import BouncingBall
 from expertaug.systems.driven_pendulum import DrivenPendulum
-from expertaug.systems.inputs import Linear, check_given, check_trainable, observed
+from expertaug.systems.inputs import Linear, as_observed, check_given, check_trainable
 from expertaug.systems.pendulum import DampedPendulum
 
 
@@ -45,8 +45,8 @@ def test_a_loss_of_what_jumps_at_events_trains_nothing():
 
 
 def test_an_encoder_sees_inputs_in_units_of_their_scale_beside_the_state():
-    seen = observed(DrivenPendulum())
+    seen = as_observed(DrivenPendulum())
     assert [p.name for p in seen.state] == ["theta", "omega", "torque"]
     torch.testing.assert_close(seen.features(torch.tensor([[0.1, 0.2, 30.0]])), torch.tensor([[0.1, 0.2, 1.5]]))
     alone = DampedPendulum()
-    assert observed(alone) is alone
+    assert as_observed(alone) is alone

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 from expertaug import presets
-from expertaug.config import checks, grid
+from expertaug.config import checks, grid, options
 from expertaug.config.layers import inherit, merge, plain, under
 from expertaug.config.models import Common, Configuration, Experiment
 from expertaug.config.sources import wrong_recordings
@@ -205,10 +205,9 @@ def _of_another_preset(
             wrong += _experiment(where, plain(experiment), other)[1]
             own = {f"{where}.{path}" for path in _paths(over)}
             within = f"{where}.presets.{preset}"
-            yield (
-                name,
-                [InputError(e.where.replace(where, within, 1), e.found, e.remedy) for e in wrong if e.where in own],
-            )
+            # The experiment may have got another system or part since: what its kind alone does not know is no mistake.
+            wrong = [e for e in wrong if e.where in own and not options.is_of_another_kind(e)]
+            yield name, [InputError(e.where.replace(where, within, 1), e.found, e.remedy) for e in wrong]
 
 
 def _paths(block: Located, before: str = "") -> Iterator[str]:

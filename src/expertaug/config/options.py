@@ -105,6 +105,13 @@ def check_simulated(name: str, system: KnownSystem, where: str) -> Iterator[Inpu
             yield error
 
 
+def is_of_another_kind(error: InputError) -> bool:
+    """Whether an unknown key of a system, an encoder or an interaction model is one of another of their kinds."""
+    block, _, name = error.where.rpartition(".")
+    kinds = SYSTEMS if block.endswith(".system") else PARTS.get(block.rpartition(".model.")[2], {})
+    return error.found == "unknown key" and any(name in kind.model_fields for kind in kinds.values())
+
+
 def check_part(
     part: str, settings: Arguments, where: str, system: KnownSystem | None, t1_s: float
 ) -> Iterator[InputError]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from expertaug_recordings.angles.noise import Noise, marker_noise, measure_noise, trimmed_fit
+from expertaug_recordings.angles.noise import Noise, fit_trimmed, marker_noise, measure_noise
 
 
 def test_size_and_correlation_are_those_of_the_lengths():
@@ -30,7 +30,7 @@ def test_a_fit_leaves_out_what_is_far_off():
     rng, x = np.random.default_rng(0), np.linspace(0, 1, 200)
     design, target = np.column_stack((np.ones(200), x)), 2 + 3 * x + 0.01 * rng.normal(size=200)
     target[::20] += 5
-    found, _, used, noise, inverse = trimmed_fit(design, target, np.ones(200, bool))
+    found, _, used, noise, inverse = fit_trimmed(design, target, np.ones(200, bool))
     assert found == pytest.approx([2, 3], abs=0.01) and noise == pytest.approx(0.01, rel=0.2)
     assert not used[::20].any() and used.sum() == 190
     assert inverse == pytest.approx(np.linalg.inv(design[used].T @ design[used]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from expertaug_recordings.angles.quality import NO_PIVOT, crowded, gap_lengths, judge, too_few
+from expertaug_recordings.angles.quality import NO_PIVOT, gap_lengths, is_crowded, judge, too_few
 from expertaug_recordings.angles.smoothing import Motion
 
 
@@ -40,4 +40,4 @@ def test_too_few_usable_frames_have_a_cause_and_a_remedy(reason, turn, why, help
     theta = turn * np.arange(10)[:, None] * np.ones(2)
     found = too_few(reasons, usable, theta, 30.0, 4)
     assert found[0].startswith(why) and helps in found[1]
-    assert crowded(theta) == (turn > 1)
+    assert is_crowded(theta) == (turn > 1)

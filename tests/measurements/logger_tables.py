@@ -8,7 +8,7 @@ import yaml
 from swings import NAMES, swing
 
 from expertaug.cli import main
-from expertaug.measurements.cut import measured
+from expertaug.measurements.cut import measure
 from expertaug.measurements.settings import MeasurementSettings
 
 T = 0.05 * np.arange(400)
@@ -40,4 +40,4 @@ def csv(theta=Y[:, 0], omega=Y[:, 1], t=T, header="t,theta,omega", form="{:.5f}"
 
 
 def rows_of(data):
-    return measured(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.series[0].rows
+    return measure(MeasurementSettings.from_mapping(data["files"]), NAMES).grid.series[0].rows
