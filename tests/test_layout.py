@@ -107,6 +107,7 @@ def test_each_module_is_one_concept_and_says_what_it_is(path):
     text = path.read_text(encoding="utf-8")
     assert len(text.splitlines()) < LONGEST, "one concept a module"
     assert not text.strip() or ast.get_docstring(ast.parse(text)), "a module begins with what it is"
+    assert not text.startswith('"""\n'), "in its first line"
 
 
 def test_every_folder_is_a_subject_with_a_line_of_its_own():

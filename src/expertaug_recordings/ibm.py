@@ -1,7 +1,4 @@
-"""
-
-Marker CSVs in the layout of IBM's "Double Pendulum Chaotic" dataset, from a folder or from its archive.
-"""
+"""Marker CSVs in the layout of IBM's "Double Pendulum Chaotic" dataset, from a folder or from its archive."""
 
 from __future__ import annotations
 

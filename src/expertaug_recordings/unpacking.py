@@ -1,7 +1,4 @@
-"""
-
-Unpacking archives that nobody vouches for.
-"""
+"""Unpacking archives that nobody vouches for."""
 
 from __future__ import annotations
 

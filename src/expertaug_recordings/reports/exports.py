@@ -1,7 +1,4 @@
-"""
-
-A recording's markers and angles in the formats that laboratories use.
-"""
+"""A recording's markers and angles in the formats that laboratories use."""
 
 from __future__ import annotations
 
@@ -103,7 +100,7 @@ def _tracker(points: pd.DataFrame, where: object) -> str:
     writer.writerow(["", *(cell for name in ROLES for cell in (name, ""))])
     writer.writerow(["t", *("x", "y") * len(ROLES)])
     for t, row in zip(points["t"].tolist(), moved.reshape(-1, 6).tolist(), strict=True):
-        writer.writerow([f"{t:.9g}", *("" if np.isnan(v) else f"{v:.4f}" for v in row)])
+        writer.writerow([f"{t:.9g}", *("" if np.isnan(v) else f"{v:z.4f}" for v in row)])
     return stream.getvalue()
 
 

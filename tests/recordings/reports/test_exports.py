@@ -41,6 +41,7 @@ def test_the_same_numbers_in_other_units_axes_and_headings():
     assert [float(cell or "nan") for cell in lines[4].split(",")] == pytest.approx(
         [0.1, 0, 0, 2, -10, np.nan, -15], nan_ok=True
     )
+    assert "-0.0" not in found.tracker
     assert found.deeplabcut["expertaug", "tip", "likelihood"].tolist() == [1, 0, 1]
     assert found.deeplabcut["expertaug", "joint", "likelihood"].tolist() == [1, 0.5, 1]
 
