@@ -16,7 +16,7 @@ import torch
 
 from expertaug.cli import keep_freed_memory
 from expertaug.config import load as configuration
-from expertaug.config import shown_settings, stage_settings
+from expertaug.config import report_parameters, stage_settings
 from expertaug.config.load import complete_configuration
 from expertaug.evaluation.alarms import alarm
 from expertaug.evaluation.evaluate import evaluate
@@ -49,7 +49,7 @@ def main() -> None:
                 job = EvaluateJob.from_mapping(settings | {"evaluation": settings["evaluation"] | fewer})
                 stored = load(model, device_of(job.device), job.classes or ())
                 made.append(evaluate(stored, sets, job).forecasts)
-    study = alarm(made, WindowStudyJob.from_mapping(shown_settings.windows(config, options.experiment)))
+    study = alarm(made, WindowStudyJob.from_mapping(report_parameters.windows(config, options.experiment)))
     print(study.markdown())
 
 

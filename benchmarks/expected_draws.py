@@ -27,7 +27,7 @@ from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.diagnostics.alarm import auroc, failing
 from expertaug.inference.flow import load
 from expertaug.inference.least_squares import refine_by
-from expertaug.inference.simulations import own_draws
+from expertaug.inference.simulations import draw_simulations
 from expertaug.learning.divergence import bound_of_card
 from expertaug.learning.residuals import squared_errors
 from expertaug.trajectories import Trajectories
@@ -58,7 +58,7 @@ def main() -> None:
         if job.refinement is not None:
             stored = replace(stored, model=refine_by(stored, job.refinement))
         usual = score(stored, validation, how, start, device).errors.numpy()
-        windows, _ = own_draws(stored, Windows.of(train, device), job.own, job.noise, options.windows)
+        windows, _ = draw_simulations(stored, Windows.of(train, device), job.own, job.noise, options.windows)
         drawing, bound = drawing_of(stored, how, job.noise, train.t, start, device), bound_of_card(stored.card, device)
         made = forecast(stored.model, windows.observed(drawing.observed), drawing.solver, start, bound)
         errors = squared_errors(stored.model.system, made.states[drawing.begin :], windows.y[drawing.begin :]).numpy()

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from expertaug import plotting
 from expertaug.config import load as config
-from expertaug.config import shown_settings
+from expertaug.config import report_parameters
 from expertaug.evaluation import dots, estimates
 from expertaug.evaluation.settings import EstimatesJob, OverviewJob, PlotJob
 from expertaug.evaluation.summary import read_long
@@ -32,17 +32,17 @@ def redraw(folder: Path) -> list[str]:
     with tempfile.TemporaryDirectory() as made:
         new = Path(made)
         for name, table in tables.items():
-            job = PlotJob.from_mapping(shown_settings.plot(whole, name))
+            job = PlotJob.from_mapping(report_parameters.plot(whole, name))
             rows = read_long(table)
             plotting.save_all({new / f"{name}_log_mse": dots.log_mse(rows, job)})
             plotting.save_all({new / f"{name}_parameter_errors": dots.parameter_errors(rows, job)})
             stated = folder / "tables" / f"{name}_estimates.csv"
             if stated.is_file():
-                job = EstimatesJob.from_mapping(shown_settings.estimates(whole, name))
+                job = EstimatesJob.from_mapping(report_parameters.estimates(whole, name))
                 title = f"{job.of_experiment(name)}: estimates"
                 figure = estimates.draw(read_csv(stated, estimates.TabledEstimate, "publish it again"), job, title)
                 plotting.save_all({new / f"{name}_estimates": figure})
-        of_all = OverviewJob.from_mapping(shown_settings.overview(whole, whole.run))
+        of_all = OverviewJob.from_mapping(report_parameters.overview(whole, whole.run))
         dots.run_stage(list(tables.values()), new, of_all)
         drawn = [path for path in sorted(new.glob("*.png")) if (folder / "figures" / path.name).exists()]
         for path in drawn:

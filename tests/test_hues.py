@@ -9,7 +9,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from expertaug import plotting
-from expertaug.config import shown_settings
+from expertaug.config import report_parameters
 from expertaug.config.load import complete_configuration, load
 from expertaug.hues import EQUATION, FLOOR, HUES, OWN
 
@@ -44,7 +44,7 @@ def test_a_method_has_one_hue_in_every_configuration():
     assert set(OWN) == set(names)
     for files in ([DEFAULT], [DEFAULT, "config/data_curves.yaml"], [DEFAULT, "config/peers.yaml"]):
         config = complete_configuration(load(files))
-        hues = dict(shown_settings.hues(config))
+        hues = dict(report_parameters.hues(config))
         assert {name: hues[name] for name in names} == OWN
         for name in config.run:
             own = [hues[method] for method in config.experiments[name].methods if "@" not in method]

@@ -16,7 +16,7 @@ import pytest
 import torch
 import yaml
 
-from expertaug.config import jobs, shown_settings, stage_settings
+from expertaug.config import jobs, report_parameters, stage_settings
 from expertaug.config import load as config
 from expertaug.config.jobs import variants
 from expertaug.evaluation import evaluate as evaluating
@@ -116,8 +116,8 @@ def run(out: Path) -> list[str]:
         evaluate(model, out, folder / "metrics.csv", folder / "forecasts.npz", settings)
     metrics, forecasts, logs = ([out / v / f for v in every] for f in ("metrics.csv", "forecasts.npz", "log.jsonl"))
     outputs = [out / f"table.{end}" for end in ("md", "csv", "tex")] + [out / "table_long.csv"]
-    tabulate(metrics, outputs, TabulateJob.from_mapping(shown_settings.tabulate(whole, NAME)), forecasts)
-    job = PlotJob.from_mapping(shown_settings.plot(whole, NAME))
+    tabulate(metrics, outputs, TabulateJob.from_mapping(report_parameters.tabulate(whole, NAME)), forecasts)
+    job = PlotJob.from_mapping(report_parameters.plot(whole, NAME))
     plot(out / "table_long.csv", forecasts, logs, out / "figure", job)
     return every
 

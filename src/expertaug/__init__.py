@@ -26,7 +26,7 @@ _EXPORTS = {
     "DampedPendulum": "expertaug.systems.pendulum:DampedPendulum",
     "DampedWave": "expertaug.systems.wave:DampedWave",
     "DampingInteraction": "expertaug.models.interactions.damping:DampingInteraction",
-    "DiagonalFlow": "expertaug.systems.solvers.linear_propagator:DiagonalFlow",
+    "DiagonalPropagator": "expertaug.systems.solvers.linear_propagator:DiagonalPropagator",
     "DoublePendulum": "expertaug.systems.double_pendulum:DoublePendulum",
     "DrivenPendulum": "expertaug.systems.driven_pendulum:DrivenPendulum",
     "Equation": "expertaug.api.explain:Equation",

@@ -56,7 +56,7 @@ from expertaug.systems.pendulum import DampedPendulum as DampedPendulum
 from expertaug.systems.reaction_diffusion import ReactionDiffusion as ReactionDiffusion
 from expertaug.systems.rlc import RLC as RLC
 from expertaug.systems.simulate import trajectories as simulate
-from expertaug.systems.solvers.linear_propagator import DiagonalFlow as DiagonalFlow
+from expertaug.systems.solvers.linear_propagator import DiagonalPropagator as DiagonalPropagator
 from expertaug.systems.solvers.solver import Solver as Solver
 from expertaug.systems.wave import DampedWave as DampedWave
 from expertaug.trajectories import Trajectories as Trajectories
@@ -75,7 +75,7 @@ __all__ = [
     "DampedPendulum",
     "DampedWave",
     "DampingInteraction",
-    "DiagonalFlow",
+    "DiagonalPropagator",
     "DoublePendulum",
     "DrivenPendulum",
     "Equation",

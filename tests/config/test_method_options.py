@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from expertaug.config import jobs, shown_settings, stage_settings
+from expertaug.config import jobs, report_parameters, stage_settings
 from expertaug.config import load as config
 from expertaug.errors import InputError
 
@@ -82,12 +82,12 @@ def test_an_objective_that_needs_p_plus_finds_it_where_none_is_given(base):
 def test_tables_and_figures_are_told_each_method_s_own_p_plus(base):
     prior = "experiments: {pendulum: {overrides: {aphynity: {augmentation: {prior: {omega0: [0.25, 3.5]}}}}}}"
     valid = config.validate(config.merge(base, yaml.safe_load(prior)))
-    told = shown_settings.plot(valid, "pendulum")["priors"]
+    told = report_parameters.plot(valid, "pendulum")["priors"]
     own, other = {"omega0": [0.25, 3.5]}, {"omega0": [0.5, 3.5]}
     versions = ["aphynity", "aphynity~refined", "aphynity=", "aphynity+", "aphynity+~refined"]
     versions += ["aphynity+~flow", "aphynity+~flow~refined"]
     assert {label: p for label, p in told.items() if p != other} == dict.fromkeys(versions, own)
-    assert shown_settings.study(valid, "pendulum", "prior_width")["priors"]["aphynity"][""] == own
+    assert report_parameters.study(valid, "pendulum", "prior_width")["priors"]["aphynity"][""] == own
 
 
 def test_fits_without_a_training_are_solved_as_the_trainings_are(base):

@@ -7,7 +7,7 @@ import json
 import pytest
 import yaml
 
-from expertaug.config import jobs, recording_settings, shown_settings, stage_settings
+from expertaug.config import jobs, recording_settings, report_parameters, stage_settings
 from expertaug.config import load as config
 from expertaug.config.models import Configuration
 from expertaug.errors import InputError
@@ -57,7 +57,7 @@ def test_horizons_and_dissipation_of_recordings(base):
     assert not recording_settings.split_chunks(found, "double_pendulum").horizons_s, "a horizon redoes no training"
     one = recording_settings.cut_horizon(found, "double_pendulum", "test_500ms")
     assert one.set == "test_500ms" and one.split.horizons_s == [0.5]
-    study = shown_settings.study(found, "double_pendulum", "horizons")["options"]
+    study = report_parameters.study(found, "double_pendulum", "horizons")["options"]
     panels = [["validation", "validation_1s", "validation_500ms"], ["test", "test_1s", "test_500ms"]]
     assert study == {"distances": ["0.19 s", "1 s", "0.5 s"], "panels": [[one[0], one] for one in panels]}
     shown = stage_settings.dissipation(found, "double_pendulum")["versions"]
@@ -83,7 +83,7 @@ def test_horizons_of_tables(base, tmp_path):
     assert "horizons_s" not in cut["files"], "a horizon redoes no training"
     one = recording_settings.cut_measured_horizon(found, "lab", "test_1s")
     assert one["set"] == "test_1s" and one["files"]["horizons_s"] == [1.0]
-    assert shown_settings.study(found, "lab", "horizons")["options"]["distances"] == ["20 points", "1 s"]
+    assert report_parameters.study(found, "lab", "horizons")["options"]["distances"] == ["20 points", "1 s"]
     for change, message in (({"horizons_s": [1.0, 1.0]}, "give each once"), ({"step_s": 0.1}, "chunks end at 1.9 s")):
         wrong = {"experiments": {"lab": {"data": {"files": change}}}}
         with pytest.raises(InputError, match=message):

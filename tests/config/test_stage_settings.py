@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import yaml
 
-from expertaug.config import jobs, recording_settings, shown_settings, stage_settings
+from expertaug.config import jobs, recording_settings, report_parameters, stage_settings
 from expertaug.config import load as config
 from expertaug.stages import STAGES, planned
 
@@ -108,7 +108,7 @@ def test_studies_change_only_the_jobs_that_they_need(base: dict) -> None:
     along = stage_settings.during_training(found, "plain", "aphynity", group)
     assert along["finetune"] == stage_settings.finetune(found, "plain", "aphynity+", group)
     assert along["finetune_epochs"] == [1, 10]
-    assert shown_settings.tabulate(found, "plain") == shown_settings.tabulate(plain, "plain")
+    assert report_parameters.tabulate(found, "plain") == report_parameters.tabulate(plain, "plain")
 
 
 def test_what_windows_share_is_told_only_to_what_shares_it(base):

@@ -8,7 +8,7 @@ import torch
 from driven_sets import ENCODER, INTERACTION, OPTIONS, WIDER
 
 import expertaug as ea
-from expertaug.evaluation.forecasting import of_own_windows
+from expertaug.evaluation.forecasting import of_simulations
 from expertaug.inference.diagnostics.validity import refit
 from expertaug.models.gaps import Gaps
 from expertaug.models.settings import RefinementSettings
@@ -130,7 +130,7 @@ def test_drawn_forecasts_are_scored_where_something_was_measured(fit, gappy):
     assert np.isnan(scored.drawn.crps[:, 2]).all() and np.isfinite(np.delete(scored.drawn.crps, 2, 1)).all()
     assert np.isfinite(scored.values["crps"]).all() and np.isfinite(scored.values["forecast_coverage_90"]).all()
     drawing = drawing_of(stored, scoring, 0.01, gappy["train"].t, "y0", CPU)
-    own, _ = of_own_windows(stored, gappy["train"], OwnWindows(prior=PRIOR), 0.01, 6, drawing)
+    own, _ = of_simulations(stored, gappy["train"], OwnWindows(prior=PRIOR), 0.01, 6, drawing)
     assert own.ranks.shape[1] == own.crps.shape[1] > 0
 
 

@@ -12,11 +12,11 @@ from known_posterior import NOISE as LINE_NOISE
 from known_posterior import asked as asked_of_flow
 from known_posterior import lines
 
-from expertaug.evaluation.forecasting import Drawing, DrawnScores, forecast, of_own_windows
+from expertaug.evaluation.forecasting import Drawing, DrawnScores, forecast, of_simulations
 from expertaug.inference.flow_training import prepare
 from expertaug.inference.least_squares import estimator_of
 from expertaug.inference.settings import OwnWindows
-from expertaug.inference.simulations import own_draws
+from expertaug.inference.simulations import draw_simulations
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.decoder import MeanModel
 from expertaug.systems.reaction_diffusion import ReactionDiffusion
@@ -36,10 +36,10 @@ def drawing(stored, **changed):
 
 def test_own_windows_lie_over_p_plus_and_fits_of_them_are_calibrated(fitted):
     stored, data = fitted
-    made, z_e = own_draws(stored, Windows.of(data), OWN, NOISE, 60)
+    made, z_e = draw_simulations(stored, Windows.of(data), OWN, NOISE, 60)
     assert made.y.shape == (len(T), 2, 60, 2) and z_e.shape == (2, 60, 1)
     assert z_e.min() < 0.7 and z_e.max() > 3.3 and not torch.equal(z_e[0], z_e[1])
-    own, draws = of_own_windows(stored, data, OWN, NOISE, 60, drawing(stored))
+    own, draws = of_simulations(stored, data, OWN, NOISE, 60, drawing(stored))
     assert own.ranks.shape == (2, 60, 1) and own.tarp.shape == (2, 60) and draws == 119
     inside = np.abs(2 * own.ranks - 119) < 0.9 * 120
     assert 0.82 < inside.mean() < 0.97
@@ -54,7 +54,7 @@ def test_a_flow_is_ranked_on_the_draws_that_it_learns_from():
     own = OwnWindows(prior=job.prior)
     t = torch.from_numpy(data.t).float()
     how = drawing(stored, t=t, begin=1, observed=stored.card.observed, noise=LINE_NOISE)
-    scores, draws = of_own_windows(stored, data, own, LINE_NOISE, 30, how)
+    scores, draws = of_simulations(stored, data, own, LINE_NOISE, 30, how)
     assert scores.ranks.shape == (len(stored.seeds), 30, 1) and draws == 8
     assert np.isfinite(scores.crps).all()
 

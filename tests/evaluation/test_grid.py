@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from cards import card
-from expertaug.config import jobs, shown_settings, stage_settings
+from expertaug.config import jobs, report_parameters, stage_settings
 from expertaug.config import load as configuration
 from expertaug.errors import InputError
 from expertaug.evaluation.grid import run_stage as stage
@@ -56,7 +56,7 @@ def test_points_are_no_methods_of_the_experiment_and_change_none_of_its_jobs():
     del plain.methods["aphynity@1"]
     assert jobs.variants(config, "rlc") == jobs.variants(plain, "rlc") == ["least_squares", "aphynity", "aphynity+"]
     assert train(config, "aphynity") == train(plain, "aphynity")
-    assert shown_settings.plot(config, "rlc") == shown_settings.plot(plain, "rlc")
+    assert report_parameters.plot(config, "rlc") == report_parameters.plot(plain, "rlc")
 
 
 @pytest.mark.parametrize(

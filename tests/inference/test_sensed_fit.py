@@ -13,7 +13,7 @@ from scipy import stats
 import expertaug as ea
 from expertaug.cli import main
 from expertaug.config import load as config
-from expertaug.config import shown_settings, stage_settings
+from expertaug.config import report_parameters, stage_settings
 from expertaug.errors import InputError, InputErrors
 from expertaug.evaluation.forecasts import Forecasts
 from expertaug.inference.sensed_fit import SensorCoordinates
@@ -221,7 +221,7 @@ def test_a_run_estimates_them_and_its_table_of_estimates_begins_to_tell(tmp_path
     assert list(kept.sets) == ["validation"] and [one.name for one in kept.constants] == ["scale of omega"]
     metrics = pd.read_csv(tmp_path / "metrics.csv").set_index(["metric", "set"]).value
     assert (metrics["log_mse_sum", "validation"] < -5).all()
-    given = json.dumps(shown_settings.estimates(found, "swings"))
+    given = json.dumps(report_parameters.estimates(found, "swings"))
     output = tmp_path / "estimates.csv"
     assert main(["estimates", str(tmp_path / "forecasts.npz"), "--output", str(output), "--settings", given]) == 0
     rows = pd.read_csv(output).set_index("parameter")

@@ -9,7 +9,7 @@ from flow_pendulum import PENDULUM
 from expertaug.inference import simulations as own_windows_of
 from expertaug.inference.flow_training import prepare
 from expertaug.inference.settings import OwnWindows
-from expertaug.inference.simulations import Pool, own_draws
+from expertaug.inference.simulations import Pool, draw_simulations
 from expertaug.models import store as models
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows
@@ -29,5 +29,5 @@ def test_own_windows_take_z_a_from_so_many_training_windows_at_most(fitted, monk
     asked, counts = own_windows_of.latents_of, []
     monkeypatch.setattr(own_windows_of, "WINDOWS", 7)
     monkeypatch.setattr(own_windows_of, "latents_of", lambda *told: counts.append(told[2].y.shape[2]) or asked(*told))
-    made, _ = own_draws(stored, Windows.of(data), OwnWindows(prior=PRIOR), NOISE, 20)
+    made, _ = draw_simulations(stored, Windows.of(data), OwnWindows(prior=PRIOR), NOISE, 20)
     assert len(data) > 7 and counts == [7] and made.y.shape[2] == 20

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from expertaug.config import jobs
 from expertaug.config import recording_settings
-from expertaug.config import shown_settings
+from expertaug.config import report_parameters
 from expertaug.evaluation import products
 from expertaug.files import sha256
 from expertaug.measurements.paths import read_checksums

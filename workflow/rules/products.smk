@@ -5,7 +5,7 @@ FIGURES = {product.name: product.name.replace("_", " ") for product in products.
     "parameters": "estimated parameters",
     "curves": "trainings",
 }
-OVERVIEW = shown_settings.overview(CONFIG, RUN)["experiments"]
+OVERVIEW = report_parameters.overview(CONFIG, RUN)["experiments"]
 OVERVIEWS = {name: name.replace("log_mse", "log-MSE").replace("_", " ") for name in overviews(CONFIG)}
 SUMMARY = [results("recordings/summary.csv"), results("recordings/summary.md")] if RECORDED else []
 SHOWN = []  # path, caption and title of each
@@ -112,6 +112,6 @@ def report_settings(wildcards):
         "shown": shown_in_report(),
         "rules": stages_read(CONFIG),
         "files": [os.path.relpath(path) for path in [DEFAULTS, *OVERRIDES]],
-        **shown_settings.report(CONFIG),
+        **report_parameters.report(CONFIG),
     }
     return json.dumps(settings, sort_keys=True)

@@ -12,7 +12,7 @@ from typing import Any
 from expertaug.config import options
 from expertaug.config.jobs import dissipating, foreign, label, list_checked, list_explained, seed_groups, snapshots
 from expertaug.config.models import Augmentation, Configuration, Experiment
-from expertaug.config.shown_settings import READING, hues, prior_of, reading
+from expertaug.config.report_parameters import READING, hues, prior_of, reading
 from expertaug.inference.settings import FlowJob
 from expertaug.learning.settings import AugmentJob, Build, FinetuneJob, TrainJob, TrainSettings
 from expertaug.models.estimators import Alternating

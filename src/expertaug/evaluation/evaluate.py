@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from expertaug.errors import InputError
-from expertaug.evaluation.forecasting import drawing_of, of_own_windows, score_draws
+from expertaug.evaluation.forecasting import drawing_of, of_simulations, score_draws
 from expertaug.evaluation.forecasts import Forecasts, KeptForecasts, SetForecasts, VersionKey, constants_of
 from expertaug.evaluation.products import EVALUATION_LOG, OWN_FIGURES
 from expertaug.evaluation.score import Scored, score
@@ -110,7 +110,7 @@ def evaluate(stored: StoredModel, sets: Mapping[str, Trajectories], job: Evaluat
     own = None
     if distributed and job.own is not None and scoring.draws:
         drawing = drawing_of(stored, scoring, job.noise, np.array(stored.card.t), start, device)
-        own, own_draws = of_own_windows(stored, train(), job.own, job.noise, scoring.drawn_samples, drawing)
+        own, own_draws = of_simulations(stored, train(), job.own, job.noise, scoring.drawn_samples, drawing)
         rank_draws = own_draws if own is not None and own.ranks is not None else rank_draws
     rows += [MetricRow(*identity, seed, "train", "wall_s", stored.card.wall_s) for seed in stored.seeds]
     system = stored.model.system

@@ -19,7 +19,7 @@ from expertaug.inference.diagnostics.calibration import TABLE_LEVELS, calibratio
 from expertaug.inference.diagnostics.scores import crps, energy_score
 from expertaug.inference.posterior_predictive import forecasts, joint_draws, z_e_draws
 from expertaug.inference.settings import OwnWindows
-from expertaug.inference.simulations import own_draws
+from expertaug.inference.simulations import draw_simulations
 from expertaug.learning.divergence import bound_of_card, clamp_to_bound, solve_with_sample_fallback, within_bound
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.learning.residuals import squared_errors
@@ -312,18 +312,18 @@ def score_draws(z_e: np.ndarray, draws: Tensor | None, scores: DrawnScores | Non
 
 
 @torch.no_grad()
-def of_own_windows(
+def of_simulations(
     stored: StoredModel, train: Trajectories, own: OwnWindows, noise: GivenNoise, count: int, drawing: Drawing
 ) -> tuple[SetForecasts | None, int]:
     """Ranks and scores on ``count`` windows that each seed's model has made, None where all have run away; and the
     number of draws among which the ranks are.
 
     Arguments:
-        own, noise: as of :func:`own_draws`.
+        own, noise: as of :func:`draw_simulations`.
         drawing: how forecasts are drawn and scored.
     """
     device = drawing.t.device
-    windows, z_e = own_draws(stored, Windows.of(train, device), own, noise, count)
+    windows, z_e = draw_simulations(stored, Windows.of(train, device), own, noise, count)
     if not windows.y.shape[2]:
         return None, 0
     estimates = stored.model.estimate(windows.until(drawing.observed))

@@ -20,7 +20,7 @@ from expertaug.files import write_text
 from expertaug.inference.flow import load
 from expertaug.inference.least_squares import LeastSquares, estimator_of
 from expertaug.inference.settings import FirstPriorJob, OwnPriorJob, OwnWindows
-from expertaug.inference.simulations import LOST, own_draws
+from expertaug.inference.simulations import LOST, draw_simulations
 from expertaug.learning.train import Calibration, describe_recipe, make_expert_alone
 from expertaug.models.observation_noise import GivenNoise
 from expertaug.models.settings import RefinementSettings
@@ -162,7 +162,7 @@ def widen_prior(
         factor, rounds = min(factor * WIDEN, budget), rounds + 1
         wide = _widen(parameters, training, factor)
         estimator = estimator_of(stored, settings, noise, wide)
-        made, _ = own_draws(replace(stored, model=estimator), train, OwnWindows.of(prior=wide), noise, TRIED)
+        made, _ = draw_simulations(replace(stored, model=estimator), train, OwnWindows.of(prior=wide), noise, TRIED)
         if made.y.shape[2] < (1 - LOST) * TRIED:
             break
         share = float((_estimate(estimator, made.until(observed))[1] <= limit).double().mean())

@@ -273,7 +273,7 @@ def latents_of(model: Predictor | nn.Module, card: ModelCard, windows: Windows, 
 
 
 @torch.no_grad()
-def own_draws(
+def draw_simulations(
     stored: StoredModel, train: Windows, own: OwnWindows, noise: GivenNoise, count: int
 ) -> tuple[Windows, Tensor]:
     """Trajectories that a model makes with z_e of p⁺, z_a and first points of the training windows, and with noise.

@@ -107,7 +107,7 @@ class Tabulate(Stage):
     name = "tabulate"
     code = "expertaug.evaluation.tabulate"
     job = "expertaug.evaluation.settings:TabulateJob"
-    slice = "expertaug.config.shown_settings:tabulate"
+    slice = "expertaug.config.report_parameters:tabulate"
     reads = ("evaluate",)
 
     @classmethod
@@ -135,7 +135,7 @@ class Plot(Stage):
     name = "plot"
     code = "expertaug.evaluation.plot"
     job = "expertaug.evaluation.settings:PlotJob"
-    slice = "expertaug.config.shown_settings:plot"
+    slice = "expertaug.config.report_parameters:plot"
     reads = ("evaluate", "tabulate", *MODELS)
 
     @classmethod
@@ -166,7 +166,7 @@ class Study(StudyStage):
     name = "study"
     code = "expertaug.evaluation.studies"
     job = "expertaug.evaluation.settings:StudyJob"
-    slice = "expertaug.config.shown_settings:study"
+    slice = "expertaug.config.report_parameters:study"
     reads = ("evaluate", "during_training")
 
     @classmethod
@@ -209,7 +209,7 @@ class _WindowStudy(StudyStage):
 
     paths = ("forecasts",)
     job = "expertaug.evaluation.settings:WindowStudyJob"
-    slice = "expertaug.config.shown_settings:windows"
+    slice = "expertaug.config.report_parameters:windows"
     reads = ("evaluate",)
 
     @staticmethod
@@ -264,7 +264,7 @@ class Grid(StudyStage):
     code = "expertaug.evaluation.grid"
     paths = ("models",)
     job = "expertaug.evaluation.settings:GridJob"
-    slice = "expertaug.config.shown_settings:grid"
+    slice = "expertaug.config.report_parameters:grid"
     reads = ("train",)
     log = "grid/{experiment}"
 
@@ -357,7 +357,7 @@ class Estimates(StudyStage):
     code = "expertaug.evaluation.estimates"
     paths = ("forecasts",)
     job = "expertaug.evaluation.settings:EstimatesJob"
-    slice = "expertaug.config.shown_settings:estimates"
+    slice = "expertaug.config.report_parameters:estimates"
     reads = ("evaluate",)
 
     @staticmethod
@@ -379,7 +379,7 @@ class DataCurves(StudyStage):
     code = "expertaug.evaluation.data_curves"
     paths = ("tables",)
     job = "expertaug.evaluation.settings:DataCurvesJob"
-    slice = "expertaug.config.shown_settings:data_curves"
+    slice = "expertaug.config.report_parameters:data_curves"
     reads = ("tabulate",)
     title = "size and noise of the data"
 
@@ -437,7 +437,7 @@ class OwnPriors(StudyStage):
     code = "expertaug.evaluation.own_priors"
     paths = ("priors",)
     job = "expertaug.evaluation.settings:OwnPriorsJob"
-    slice = "expertaug.config.shown_settings:own_priors"
+    slice = "expertaug.config.report_parameters:own_priors"
     reads = ("own_prior",)
     product, draws = "own_priors", False
     title = "own p⁺"
@@ -464,7 +464,7 @@ class Compare(Stage):
     name = "compare"
     code = "expertaug.evaluation.published"
     job = "expertaug.evaluation.settings:CompareJob"
-    slice = "expertaug.config.shown_settings:compare"
+    slice = "expertaug.config.report_parameters:compare"
     reads = ("evaluate",)
 
     @classmethod
@@ -492,7 +492,7 @@ class Overview(Stage):
     name = "overview"
     code = "expertaug.evaluation.dots"
     job = "expertaug.evaluation.settings:OverviewJob"
-    slice = "expertaug.config.shown_settings:overview"
+    slice = "expertaug.config.report_parameters:overview"
     reads = ("tabulate",)
 
     @classmethod

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from os.path import dirname
 from pathlib import Path
 
-from expertaug.config import jobs, shown_settings
+from expertaug.config import jobs, report_parameters
 from expertaug.config.models import Configuration
 from expertaug.evaluation.products import OVERVIEWS, PLOTTED, Product
 from expertaug.stages import STAGES
@@ -32,7 +32,7 @@ def plan(config: Configuration) -> Iterator[tuple[str, tuple]]:
     published = [name for name in run if config.experiments[name].evaluation.published is not None]
     if published:
         yield "compare", (published,)
-    if shown_settings.overview(config, run)["experiments"]:
+    if report_parameters.overview(config, run)["experiments"]:
         yield "overview", (run,)
 
 
@@ -95,7 +95,7 @@ def list_kept(experiments: Iterable[str]) -> list[str]:
 
 def overviews(config: Configuration) -> list[str]:
     """Names of the figures over all experiments."""
-    experiments = shown_settings.overview(config, config.run)["experiments"]
+    experiments = report_parameters.overview(config, config.run)["experiments"]
     return [kind.name for kind in OVERVIEWS if any(block[kind.shows] for block in experiments)]
 
 

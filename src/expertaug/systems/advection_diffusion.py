@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from expertaug.systems.base import Parameter, System
-from expertaug.systems.solvers.linear_propagator import DiagonalFlow
+from expertaug.systems.solvers.linear_propagator import DiagonalPropagator
 
 CELLS, WIDTH = 20, 0.1  # points, and their distance in m
 HEIGHTS = (0.5, 1.5)  # of the arch in which simulations begin
@@ -38,7 +38,7 @@ class AdvectionDiffusion(System):
         slope = (wide[..., 2:] - wide[..., :-2]) / (2 * WIDTH)
         return self.expert(t, y, z_e) - z_a[..., None] * slope
 
-    def linear_flow(self, z_e: Tensor, h: float) -> DiagonalFlow:
+    def linear_flow(self, z_e: Tensor, h: float) -> DiagonalPropagator:
         """Diffusion for h s, exact for these differences: their eigenvectors are sines."""
         phase = math.pi * torch.arange(1, CELLS + 1, dtype=torch.float64) / (CELLS + 1)
         sines = (2 / (CELLS + 1)) ** 0.5 * torch.sin(phase[:, None] * torch.arange(1, CELLS + 1))  # its own inverse
@@ -48,7 +48,7 @@ class AdvectionDiffusion(System):
         def change(y: Tensor) -> Tensor:
             return y @ basis
 
-        return DiagonalFlow(change, change, decay)
+        return DiagonalPropagator(change, change, decay)
 
     def nonlinear(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
         return torch.zeros_like(y)

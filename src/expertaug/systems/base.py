@@ -125,7 +125,7 @@ class System(ABC):
         """y (…, *state) → exp(h L) y, the exact flow of a linear part L of F_e; None where there is none.
 
         Such a part may be stiff: the solvers lawson4, ab4 and ab5 have it exact, and ask :meth:`nonlinear` for the
-        rest. Where L is diagonal in a basis, give a :class:`~expertaug.DiagonalFlow`.
+        rest. Where L is diagonal in a basis, give a :class:`~expertaug.DiagonalPropagator`.
         """
         return None
 

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.systems.base import Parameter, System
-from expertaug.systems.solvers.linear_propagator import DiagonalFlow
+from expertaug.systems.solvers.linear_propagator import DiagonalPropagator
 from expertaug.systems.solvers.solver import Solver
 
 SIZE = 32
@@ -61,13 +61,13 @@ class ReactionDiffusion(System):
         rate = z_e[..., None, None] * laplacian(y)
         return rate + local_reaction(y) if self.reaction else rate
 
-    def linear_flow(self, z_e: Tensor, h: float) -> DiagonalFlow:
+    def linear_flow(self, z_e: Tensor, h: float) -> DiagonalPropagator:
         """Diffusion for h s, exact in Fourier space for the five-point Laplacian."""
         wave = 2 * math.pi * torch.arange(SIZE, device=z_e.device) / SIZE
         symbol = (2 * torch.cos(wave) - 2).to(z_e) / WIDTH**2
         symbol = symbol[:, None] + symbol[: SIZE // 2 + 1]  # of the Laplacian, (32, 17)
         decay = torch.exp(h * z_e[..., None, None] * symbol)
-        return DiagonalFlow(torch.fft.rfft2, partial(torch.fft.irfft2, s=(SIZE, SIZE)), decay)
+        return DiagonalPropagator(torch.fft.rfft2, partial(torch.fft.irfft2, s=(SIZE, SIZE)), decay)
 
     def nonlinear(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
         return local_reaction(y) if self.reaction else torch.zeros_like(y)

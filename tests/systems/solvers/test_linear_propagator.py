@@ -7,11 +7,11 @@ import math
 import pytest
 import torch
 
-from expertaug.systems.solvers.linear_propagator import DiagonalFlow, Propagators, lawson4_step
+from expertaug.systems.solvers.linear_propagator import DiagonalPropagator, Propagators, lawson4_step
 
 
 def test_diagonal_flow():
-    flow = DiagonalFlow(lambda y: 2 * y, lambda y: y / 2, torch.tensor([0.5, 1.0]))
+    flow = DiagonalPropagator(lambda y: 2 * y, lambda y: y / 2, torch.tensor([0.5, 1.0]))
     torch.testing.assert_close(flow(torch.tensor([3.0, 4.0])), torch.tensor([1.5, 4.0]))
 
 

@@ -14,7 +14,7 @@ Propagator = Callable[[float], Map | None]
 
 
 @dataclass(frozen=True)
-class DiagonalFlow:
+class DiagonalPropagator:
     """y → exp(h L) y of an L that is diagonal in some basis, as diffusion is in Fourier's.
 
     A plain map will do for :meth:`System.linear_flow`; of one that says its basis, ab4 and ab5 change the basis once a
@@ -62,7 +62,7 @@ class Frame:
 
     def __init__(self, advance: Map) -> None:
         self.advance = advance
-        diagonal = isinstance(advance, DiagonalFlow)
+        diagonal = isinstance(advance, DiagonalPropagator)
         self.into, self.back = (advance.into, advance.back) if diagonal else (_same, _same)
 
     def carried(self, parts: Sequence[Tensor]) -> list[Tensor]:
@@ -70,7 +70,7 @@ class Frame:
         if self.advance is _same:
             return list(parts)
         whole, advance = torch.stack(tuple(parts)), self.advance
-        return list((advance.factor * whole if isinstance(advance, DiagonalFlow) else advance(whole)).unbind(0))
+        return list((advance.factor * whole if isinstance(advance, DiagonalPropagator) else advance(whole)).unbind(0))
 
 
 def lawson4_step(

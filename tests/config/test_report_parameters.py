@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from expertaug.config import load as config
-from expertaug.config import shown_settings
+from expertaug.config import report_parameters
 
 ROOT = Path(__file__).parents[2]
 
@@ -15,4 +15,4 @@ def test_figures_of_lines_show_the_classical_estimator_and_the_experiments_own_e
     over = config.load([ROOT / "config" / "ibm.yaml"])
     recorded = config.merge(over, {"recordings": {"markers": {"path": str(tmp_path)}}})
     for given, experiment in ((base, "pendulum"), (config.merge(base, recorded), "double_pendulum_time")):
-        assert shown_settings.plot(config.validate(given), experiment)["traced"] == shown
+        assert report_parameters.plot(config.validate(given), experiment)["traced"] == shown
