@@ -33,6 +33,7 @@ T = TypeVar("T", bound="Settings")
 Raw: TypeAlias = Mapping[str, JsonValue]  # what a JSON or YAML file holds, not yet checked
 MANY = 2**31 - 1  # what counts something is at most this
 LARGEST = 3.4028235e38  # of float32
+OWN = "own"  # in the place of the ranges of p⁺ that are to be found
 
 
 class Settings(BaseModel):
@@ -211,7 +212,6 @@ _NoiseOfAll = Annotated[
     Annotated[NotNegative, Tag("@number")] | Annotated[Literal["estimated"], Tag("@word")], Discriminator(_speak)
 ]
 Noise = Annotated[Annotated[_NoiseOfAll, ONE] | Annotated[dict[str, NotNegative], KEYS], by_shape]
-OWN = "own"  # in the place of the ranges of p⁺ that are to be found
 Prior = Annotated[Annotated[Literal["own"], ONE] | Annotated[dict[str, Range], KEYS], by_shape]
 
 

@@ -43,6 +43,10 @@ RENDERED = "rendered at this rate"  # where the rate of what this project render
 SPEEDS = Literal["ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow"]
 LARGEST = 8192  # px of an image's side
 MOST = 10_000  # recordings
+PLAIN_DIAMETER = 25.0  # px, up to which the tolerances in px are the same; then they grow with it
+DIAMETER, RIM = 4.0, 0.6  # px of a plain diameter, where nothing is given
+NOMINAL_HZ = 100.0  # for which length and strides are given where no rate is
+FEWEST_POINTS = 7  # of a chunk by which an expert can be calibrated
 
 
 class RigidBody(Settings):
@@ -237,10 +241,6 @@ class TrackKeys(Settings):
     max_lost_share: Share = key(0.25, "share of unusable frames above which a video is refused")
 
 
-PLAIN_DIAMETER = 25.0  # px, up to which the tolerances in px are the same; then they grow with it
-DIAMETER, RIM = 4.0, 0.6  # px of a plain diameter, where nothing is given
-
-
 class TrackMarkersJob(TrackKeys):
     """The same with the appearance that the keys mean, and the tolerances in px that they leave open."""
 
@@ -407,10 +407,6 @@ class CalibrateJob(CalibrationKeys):
         400.0, "frame rate by which the data's times were made; null = they were not made by one", "Hz"
     )
     rate_provenance: str = key("nominal rate of the dataset", "where that rate comes from")
-
-
-NOMINAL_HZ = 100.0  # for which length and strides are given where no rate is
-FEWEST_POINTS = 7  # of a chunk by which an expert can be calibrated
 
 
 class ChunkKeys(Cutting):

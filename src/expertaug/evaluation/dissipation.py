@@ -33,6 +33,19 @@ from expertaug.trajectories import SetFolder, Trajectories
 from expertaug.versions import MAIN_SETS, Version
 from expertaug.windows import Windows
 
+CHUNKS = 1000  # of each set, evenly spread
+CAPTION = (
+    "Loss of mechanical energy E per inertia (of the first arm, where there are two), in s⁻³, on measured states. "
+    "Measured: −dE/dt, the mean "
+    "over chunks of the median slope of E (± its standard error, by recording). Dissipated: the mean of "
+    "−∇E · (F_e + F_a) on the same states, mean ± standard deviation (n − 1) over seeds; an expert without friction "
+    "conserves E, so this is the power that F_a dissipates. E has the constants of each method's own expert. "
+    "Correlation: of the two over recordings."
+)
+TITLE = "loss of energy"
+DIAGONAL = {"color": "0.6", "linewidth": 0.8, "zorder": 1}
+WIDE = 3.0  # times the measured loss, above which an axis is no longer linear
+
 
 def measured_loss(system: System, t: Tensor, states: Tensor, z_e: Tensor) -> Tensor:
     """−dE/dt of measured states: the median of the slopes between any two points (Theil and Sen).
@@ -80,9 +93,6 @@ def dissipated_power(decoder: Decoder, states: Tensor, estimates: Estimates | No
         (gradient,) = torch.autograd.grad(system.energy(exact, z_e.double()).sum(), exact)
         powers.append(-(gradient * rate.double()).sum(-1))
     return torch.stack(powers).nanmean(0)
-
-
-CHUNKS = 1000  # of each set, evenly spread
 
 
 @dataclass(frozen=True)
@@ -201,17 +211,6 @@ def recordings_of(chunks: Trajectories) -> np.ndarray:
     return np.full(len(chunks), "all") if chunks.trajectories is None else chunks.trajectories
 
 
-CAPTION = (
-    "Loss of mechanical energy E per inertia (of the first arm, where there are two), in s⁻³, on measured states. "
-    "Measured: −dE/dt, the mean "
-    "over chunks of the median slope of E (± its standard error, by recording). Dissipated: the mean of "
-    "−∇E · (F_e + F_a) on the same states, mean ± standard deviation (n − 1) over seeds; an expert without friction "
-    "conserves E, so this is the power that F_a dissipates. E has the constants of each method's own expert. "
-    "Correlation: of the two over recordings."
-)
-TITLE = "loss of energy"
-DIAGONAL = {"color": "0.6", "linewidth": 0.8, "zorder": 1}
-WIDE = 3.0  # times the measured loss, above which an axis is no longer linear
 THREE_DIGITS = Metric("dissipated", "dissipated")
 
 

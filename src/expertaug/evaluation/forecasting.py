@@ -36,6 +36,7 @@ from expertaug.windows import Windows
 DRAWN = 4  # of the keys of random numbers: a flow's end in 3
 BYTES = 2**25  # of the forecasts that are scored at a time
 BAND = (0.05, 0.95)  # of a figure's
+KEY = 7  # of random numbers
 
 
 @dataclass(frozen=True)
@@ -235,9 +236,6 @@ def _mean_where(measured: np.ndarray, values: np.ndarray, axes: int | tuple[int,
         return values.mean(axes)
     count = measured.sum(axes)
     return np.where(measured, values, 0.0).sum(axes) / np.where(count > 0, count, np.nan)
-
-
-KEY = 7  # of random numbers
 
 
 class ExpectedError:

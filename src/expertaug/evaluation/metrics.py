@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from expertaug.systems import System
 
 OF = "{of}"
+METRICS: list[Metric] = []
+_LOG = {"digits": 2, "is_log": True, "better": "lower"}
 
 
 class Shown(Enum):
@@ -142,9 +144,6 @@ class Metric:
         if digits is None:
             digits = min(max(2 - math.floor(math.log10(abs(about))) if about else 2, 0), 12)
         return lambda value: f"{factor * value:.{digits}f}"
-
-
-METRICS: list[Metric] = []
 
 
 def register(metric: Metric) -> Metric:
@@ -300,7 +299,6 @@ def _of_draws(name: str) -> Callable[[Outcome], Any]:
     return lambda outcome: None if outcome.drawn is None else outcome.drawn[name]
 
 
-_LOG = {"digits": 2, "is_log": True, "better": "lower"}
 LOG_MSE = {
     "sum": register(
         Metric(

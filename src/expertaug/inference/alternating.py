@@ -70,6 +70,7 @@ CHI2_MEDIAN = 0.4549  # of one degree of freedom
 WIDTH = 1.0  # standard deviation of z_a's prior in training
 LEAST_RATE = 0.3  # of the data's own, below which the expert's are no measure of F_a's size
 STEPS = 10  # of Levenberg and Marquardt, at most, where windows are started anew and in a validation
+_RECORD = ("best", "best_score", "best_step", "best_latent", "constants", "step_", "seconds")
 
 
 class Alternation:
@@ -334,9 +335,6 @@ class Alternation:
         if self.held is not None:
             self.held.values = state["held"]
             self._hold()
-
-
-_RECORD = ("best", "best_score", "best_step", "best_latent", "constants", "step_", "seconds")
 
 
 def _residuals(fit: WindowFit, windows: Tensor, candidates: Tensor, columns: Tensor) -> Tensor:

@@ -16,6 +16,10 @@ from expertaug.errors import InputError
 Dimension = tuple[int, ...]  # powers of rad, s, m, kg, A, K
 _RAD, _S, _M, _KG, _A, _K = (tuple(int(i == k) for i in range(6)) for k in range(6))
 _ONE: Dimension = (0,) * 6
+_SMALL = ("rad", "deg", "dps", "s")  # never a thousand of them: Grad is German for degree, Ms somebody's ms
+_PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "h": 1e2, "k": 1e3, "M": 1e6, "G": 1e9, "p": 1e-12}
+_UNSURE = ("in", "min", "d", "h", "1", "1000", "")  # what also is a word or part of a name
+_SYMBOLS = {"µ": "u", "μ": "u", "⁻": "-", "¹": "1", "²": "2", "³": "3", "⋅": "*", "·": "*", "×": "*", "−": "-"}
 
 
 @dataclass(frozen=True)
@@ -96,8 +100,6 @@ _PREFIXED: Mapping[str, Unit] = {
     "deg": Unit(_RAD, _TURN / 360),
     "dps": Unit(_dimension(1, -1), _TURN / 360),
 }
-_SMALL = ("rad", "deg", "dps", "s")  # never a thousand of them: Grad is German for degree, Ms somebody's ms
-_PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "h": 1e2, "k": 1e3, "M": 1e6, "G": 1e9, "p": 1e-12}
 _ALONE: Mapping[str, Unit] = {
     "gon": Unit(_RAD, _TURN / 400),
     "arcmin": Unit(_RAD, _TURN / 21600),
@@ -185,8 +187,6 @@ _WORDS: Mapping[str, str] = {
     for word in words.split()
 }
 _TOKEN = re.compile(r"[A-Za-z%]+0?|1000(?![0-9])|\^?[-+]?\d+|[*/()_ ]")
-_UNSURE = ("in", "min", "d", "h", "1", "1000", "")  # what also is a word or part of a name
-_SYMBOLS = {"µ": "u", "μ": "u", "⁻": "-", "¹": "1", "²": "2", "³": "3", "⋅": "*", "·": "*", "×": "*", "−": "-"}
 _SYMBOLS |= {
     "℃": "degC",
     "°C": "degC",

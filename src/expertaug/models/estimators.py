@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 Classes = Mapping[str, Callable]
 
+ESTIMATORS: dict[str, type[EstimatorKind]] = {}  # by short name
+
 
 class EstimatorKind:
     """A kind of estimators; its defaults are those of one that no gradient step trains and that has no expert.
@@ -101,7 +103,6 @@ class EstimatorKind:
         raise NotImplementedError
 
 
-ESTIMATORS: dict[str, type[EstimatorKind]] = {}  # by short name
 ESTIMATOR = Part("kind of estimators", {}, f"{__name__}:EstimatorKind", needed="network", given=())
 Kind = TypeVar("Kind", bound=type[EstimatorKind])
 

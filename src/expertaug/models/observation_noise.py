@@ -17,6 +17,9 @@ ESTIMATED = "estimated"
 NoiseLike = float | Sequence[float]  # of all components, or of each
 GivenNoise = float | Mapping[str, float] | str  # as settings say it
 
+GAIN = 10.0  # the scale falls by orders of magnitude in training: its logarithm moves ten learning rates a step
+FLOOR = 1e-4  # of the data's standard deviation
+
 
 def noise_of(noise: GivenNoise, system: System, card: ModelCard) -> NoiseLike:
     """What settings say of the noise, as numbers.
@@ -65,10 +68,6 @@ def of_observed(noise: NoiseLike, system: System) -> Tensor | float:
         moved[k] += 0.01
         squares = squares + torch.where(system.observe(moved) != base, sigma[k].square(), 0.0)
     return squares.sqrt()
-
-
-GAIN = 10.0  # the scale falls by orders of magnitude in training: its logarithm moves ten learning rates a step
-FLOOR = 1e-4  # of the data's standard deviation
 
 
 class GaussianLikelihood(nn.Module):

@@ -22,6 +22,8 @@ from expertaug.windows import Windows
 # normal(k) gives (…, B, k) standard normal numbers: whoever samples says where randomness comes from.
 Normal = Callable[[int], Tensor]
 
+DEAD = 1e-5  # of the whole: a principal component with a smaller standard deviation does not vary
+
 
 def constrain(raw: Tensor, parameters: Sequence[Parameter]) -> Tensor:
     """Unbounded network outputs (…, P) → parameters in their units: softplus where positive, scaled to their size."""
@@ -314,9 +316,6 @@ class Predictor:
         :meth:`predicted`."""
         estimates = self.estimate(windows)  # type: ignore[attr-defined]
         return self.predicted(estimates, windows, solver, start), estimates.z_e if self.knows_z_e else None
-
-
-DEAD = 1e-5  # of the whole: a principal component with a smaller standard deviation does not vary
 
 
 def principal_axes(latents: Tensor, components: int) -> Tensor:

@@ -32,6 +32,7 @@ FIXED = ("euler", "midpoint", "rk4", "rodas3", *SPLITTING)
 
 # Systems with an energy that their expert conserves, and the number of components that it is of.
 CONSERVING = {"pendulum": 2, "double_pendulum": 4}
+SYSTEMS: dict[str, type[SystemSettings]] = {}  # the package's own, by name
 
 
 class SolverSettings(Settings):
@@ -128,9 +129,6 @@ class SystemSettings(Settings):
     def jumps(self) -> bool:
         """Whether what is observed jumps at events."""
         return False
-
-
-SYSTEMS: dict[str, type[SystemSettings]] = {}  # the package's own, by name
 
 
 class PendulumSettings(SystemSettings):

@@ -29,6 +29,11 @@ MOST = 5000  # frames or a little more, which tell enough
 CERTAIN = 10.0  # standard errors of white noise; those of correlated noise are about a third as certain
 WILD = 0.3  # of an arm's length, by which no offset changes it
 GROUPS = ("pivot", "joint_arm2", "joint_arm1", "tip")  # two of each arm's length: first p, m2, then m1, g
+STILL_S = 1e6  # a pivot averaged over so long does not move
+WORTH = 2.0  # over the root of the frames' number: the share by which a shorter average must lower the length's spread
+TOLERANCE = 8.0  # robust standard deviations of an arm's length
+AROUND_S, AROUND = 0.5, 0.25  # s, and share of the arm by which a shaking pivot may be off its median over them
+TOLERANCES = (0.005, 0.1)  # shares of the arm's length, the least and the most that this may be
 
 
 @dataclass(frozen=True)
@@ -111,12 +116,7 @@ def _harmonics(vectors: np.ndarray, k: int, offsets: dict[str, np.ndarray]) -> d
     return change
 
 
-STILL_S = 1e6  # a pivot averaged over so long does not move
 WINDOWS_S = (STILL_S, 0.16, 0.08, 0.04, 0.02, 0.01, 0.0)  # over which a pivot may be averaged
-WORTH = 2.0  # over the root of the frames' number: the share by which a shorter average must lower the length's spread
-TOLERANCE = 8.0  # robust standard deviations of an arm's length
-AROUND_S, AROUND = 0.5, 0.25  # s, and share of the arm by which a shaking pivot may be off its median over them
-TOLERANCES = (0.005, 0.1)  # shares of the arm's length, the least and the most that this may be
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,11 @@ BETTER, STILL_BETTER = (
     0.25,
     0.5,
 )  # of that misfit at most, where frames are missing; without the frames next to the jump
+POINTS = 4  # frames by which a place between them is interpolated: two on either side
+LONGEST = 1.6  # nominal intervals between two of them
+MANY = 0.05  # share of longer intervals, from which single missing frames are bridged
+OVER_ONE = 2.3  # of the frame interval, how long those may be then
+SAME = 1e-3  # of an interval, within which a time is a frame's own
 
 
 def turns(theta: np.ndarray) -> np.ndarray:
@@ -118,13 +123,6 @@ def _misfit(t: np.ndarray, theta: np.ndarray) -> np.ndarray:
     q, _ = np.linalg.qr(design)
     rest = theta - q @ (np.swapaxes(q, 1, 2) @ theta)
     return np.sqrt((rest**2).sum((1, 2)) / (theta.shape[2] * (theta.shape[1] - ORDER - 1)))
-
-
-POINTS = 4  # frames by which a place between them is interpolated: two on either side
-LONGEST = 1.6  # nominal intervals between two of them
-MANY = 0.05  # share of longer intervals, from which single missing frames are bridged
-OVER_ONE = 2.3  # of the frame interval, how long those may be then
-SAME = 1e-3  # of an interval, within which a time is a frame's own
 
 
 @dataclass(frozen=True)

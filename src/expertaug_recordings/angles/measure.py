@@ -60,6 +60,12 @@ from expertaug_recordings.angles.summary import RecordingSummary, RectifiedSumma
 from expertaug_recordings.settings import MeasureAnglesJob
 
 LEAST_R2 = 0.75  # of the fit to the changes of speed; below, the pendulum is no guide to the motion
+STATE = ("theta1", "theta2", "omega1", "omega2")
+SECOND = ("theta2", "omega2", "tip", "arm2")  # columns that a single pendulum has nothing for begin so
+MOST_UNSMOOTHED = 0.5  # share of angles without smoothing that needs no word
+FEW = 0.5  # share of usable frames, below which they are why a fit fails
+MOST_WORSE = 1.5  # times the markers' noise, of smoothed angles
+LATE_MS = 0.05  # by which frames are off their times where it is said
 
 
 def with_motion_between(motion: Motion, fit: Fit, noise: Noise, rate: float) -> Motion:
@@ -116,12 +122,6 @@ def with_errors(motion: Motion, error: np.ndarray, order: int, rate: float) -> M
     return replace(motion, std=std)
 
 
-STATE = ("theta1", "theta2", "omega1", "omega2")
-SECOND = ("theta2", "omega2", "tip", "arm2")  # columns that a single pendulum has nothing for begin so
-MOST_UNSMOOTHED = 0.5  # share of angles without smoothing that needs no word
-FEW = 0.5  # share of usable frames, below which they are why a fit fails
-MOST_WORSE = 1.5  # times the markers' noise, of smoothed angles
-LATE_MS = 0.05  # by which frames are off their times where it is said
 logger = logging.getLogger(__name__)
 
 

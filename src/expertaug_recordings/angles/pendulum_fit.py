@@ -29,6 +29,14 @@ from expertaug_recordings.settings import RENDERED
 WEIGHTS = np.array([41, 216, 27, 272, 27, 216, 41]) / 140  # closed Newton-Cotes rule over six intervals
 OfStates = Callable[[Callable[[np.ndarray], np.ndarray]], np.ndarray]
 CLUSTER_POINTS = 20  # points of a series whose errors are taken to depend on each other: a chunk
+CERTAIN_DEG = 3.0  # standard error of a direction that is known
+AGREE = 4.0  # standard errors of their difference, and CERTAIN_DEG, by which the two arms' directions may differ
+PULL = 5.0  # standard errors by which gravity is more than none
+CONTRADICTED = 2.0  # standard errors, below which the motion does not contradict the stated direction
+SPAN_S = 0.01  # between the points by which the constants are fitted
+MAX_RATE_ERROR = 0.05  # of the stated frame rate, beyond which the motion contradicts it
+MAX_TILT_DEG = 1.5  # off the stated direction of gravity, beyond which the motion contradicts it
+SINGLE_SPAN_S = 0.05  # between the points of a span, six of which change the speed by enough to be seen
 
 
 @dataclass(frozen=True)
@@ -154,11 +162,6 @@ def _check_pendulum(c: Constants) -> None:
         raise InputError("fit of the constants", f"{listed} is no pendulum", remedy)
 
 
-CERTAIN_DEG = 3.0  # standard error of a direction that is known
-AGREE = 4.0  # standard errors of their difference, and CERTAIN_DEG, by which the two arms' directions may differ
-PULL = 5.0  # standard errors by which gravity is more than none
-
-
 @dataclass(frozen=True)
 class Gravity:
     """Direction of gravity.
@@ -170,9 +173,6 @@ class Gravity:
 
     degrees: float
     error_deg: float
-
-
-CONTRADICTED = 2.0  # standard errors, below which the motion does not contradict the stated direction
 
 
 def direction_error(gravity: Gravity | None, stated_deg: float | None, turned: bool) -> float:
@@ -256,11 +256,6 @@ def _direction(y: np.ndarray, interval: float, every: int, arm: int) -> tuple[fl
     return float(np.arctan2(aside, down)), float(np.sqrt(across @ covariance @ across)) / strength
 
 
-SPAN_S = 0.01  # between the points by which the constants are fitted
-MAX_RATE_ERROR = 0.05  # of the stated frame rate, beyond which the motion contradicts it
-MAX_TILT_DEG = 1.5  # off the stated direction of gravity, beyond which the motion contradicts it
-
-
 @dataclass(frozen=True)
 class Implied:
     """What the motion implies.
@@ -338,9 +333,6 @@ def contradictions(
 def _turn(rotation_deg: float, by_deg: float) -> float:
     """A direction in degrees, in (-180, 180]."""
     return 180 - (180 - rotation_deg - by_deg) % 360
-
-
-SINGLE_SPAN_S = 0.05  # between the points of a span, six of which change the speed by enough to be seen
 
 
 def single_energy(theta: np.ndarray, omega: np.ndarray, omega0_squared: float) -> np.ndarray:

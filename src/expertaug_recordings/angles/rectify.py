@@ -30,6 +30,13 @@ from expertaug_recordings.settings import AngleKeys
 WHERE = "recordings.angles.rectify"
 WORST_PX = 2.0  # of a board's corners from where the camera would see them
 MANY = 3  # pictures from which on a second coefficient of the lens can be told
+MOST = 1500  # frames or a little more, which tell enough
+PASSES, TRIMMED = 4, 4.0  # robust standard deviations beyond which a frame is left out
+NEARER = 0.9  # of the spread of the arms' lengths: perspective that does not lower it as far is left out
+LEAST_ARC = 60.0  # degrees over which the first arm must turn, or the second
+MOST_STRETCH = 2.0
+WORTH = 1.5  # by which factor the arms become steadier where a correction is proposed
+LEAST_STRETCH = 1.004  # that is proposed: smaller ones change an angle by .1° at most
 
 
 @dataclass(frozen=True)
@@ -122,13 +129,6 @@ def _similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     out = np.eye(3)
     out[:2, :2], out[:2, 2] = turn, middle[1] - turn @ middle[0]
     return out
-
-
-MOST = 1500  # frames or a little more, which tell enough
-PASSES, TRIMMED = 4, 4.0  # robust standard deviations beyond which a frame is left out
-NEARER = 0.9  # of the spread of the arms' lengths: perspective that does not lower it as far is left out
-LEAST_ARC = 60.0  # degrees over which the first arm must turn, or the second
-MOST_STRETCH = 2.0
 
 
 @dataclass(frozen=True)
@@ -253,10 +253,6 @@ def _from_near(places: np.ndarray, stretch: np.ndarray) -> tuple[np.ndarray, np.
     ).x
     root = _root(solution[0], solution[1])
     return (stretch, np.zeros(2)) if root is None else (root, solution[2:4] / size)
-
-
-WORTH = 1.5  # by which factor the arms become steadier where a correction is proposed
-LEAST_STRETCH = 1.004  # that is proposed: smaller ones change an angle by .1° at most
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,10 @@ SPAN_S = 0.08  # seconds over which it is averaged
 # 7 changes, which grows with that step's share of the one from 3 to 5 (benchmarks/speed_uncertainty.py); higher degrees
 # hardly err less.
 UNSEEN, FEW, MANY = 8.5, 0.5, 3.5  # times that share; and the multiple's limits
+OUTLIER_PASSES = 6
+OF_A_TURN = 0.05  # of what an angle turns from frame to frame: nearer to its neighbours' polynomial, none is an outlier
+AROUND = 4  # windows, over which frames' distances from their neighbours' polynomial are compared
+FILL_PASSES = 60
 
 
 @dataclass(frozen=True)
@@ -141,12 +145,6 @@ def _local_mean(values: np.ndarray, size: int) -> np.ndarray:
     total = uniform_filter1d(np.where(finite, values, 0.0), size, mode="constant")
     count = uniform_filter1d(finite.astype(float), size, mode="constant")
     return np.where(finite, total / np.maximum(count, 1e-9), 0.0)
-
-
-OUTLIER_PASSES = 6
-OF_A_TURN = 0.05  # of what an angle turns from frame to frame: nearer to its neighbours' polynomial, none is an outlier
-AROUND = 4  # windows, over which frames' distances from their neighbours' polynomial are compared
-FILL_PASSES = 60
 
 
 @dataclass(frozen=True)

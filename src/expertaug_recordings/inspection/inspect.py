@@ -31,6 +31,8 @@ logger = logging.getLogger(__name__)
 AS_GOOD = 0.95  # of the frames that a recording's own settings find, for the shared ones to do
 SAME_DEG = 1.0  # by which directions of gravity may differ
 SAME_HZ = 1e-3  # by which rates of one kind of camera differ
+DIRECTIONS = "0 down, 90 right, -90 left, 180 up"
+SHOWN_WIDTH, SMALL_WIDTH = 480, 240  # px of a frame on the contact sheet of one video, and of several
 
 
 def combine(looks: Sequence[Look]) -> dict[str, object]:
@@ -115,10 +117,6 @@ def _apart(gravity: Gravity, degrees: float) -> bool:
 def _commonest(values: Sequence[Mapping]) -> Mapping:
     """The value that is there most often, the first of equals."""
     return json.loads(Counter(json.dumps(v) for v in values).most_common(1)[0][0])
-
-
-DIRECTIONS = "0 down, 90 right, -90 left, 180 up"
-SHOWN_WIDTH, SMALL_WIDTH = 480, 240  # px of a frame on the contact sheet of one video, and of several
 
 
 def inspect(videos: str | Path | Sequence[str | Path], sheet: str | Path, stated: StatedTimes | None = None) -> str:

@@ -22,6 +22,29 @@ import numpy as np
 from expertaug_recordings.markers.appearance import Appearance, Colour
 from expertaug_recordings.video.pixel_layout import MULTIPLE, KeptFrame
 
+MIN_QUADRANT = 0.4  # share of the brightness' variance round the disk at two periods a turn; .81 for ideal quadrants
+MAX_CANDIDATES = 48
+RAYS = 48
+INNER = 8  # radii inside the disk, for its quadrants and colour
+REACH = 4.0  # px searched on either side of the expected rim
+STEP = 0.5  # px between samples across the rim
+LARGE = 32.0  # px of diameter, above which both grow with it
+CROSS_WEIGHT = 0.4  # of the quadrants' centre: its error is uncorrelated with the rim's and a little larger
+MAX_CROSS = 0.6  # px between the two beyond which something covers the quadrants and the rim alone counts
+NEAR = 0.4  # px from the true centre within which both measurements are linear
+PASSES = 3  # of a fit of whatever is there
+DISK_SHARE = 0.3  # of the rim, from which on it is one
+OUTSIDE = 3  # samples at the end of a ray that tell what lies beyond the rim
+COLOUR_WEIGHT = 0.01
+MIN_CONTRAST = 6.0  # grey levels, in this metric, between the disk and beyond: below, a ray tells nothing
+FULL = 200.0  # level of the disk's colour; what lies beyond has 0
+VALID = (0.6, 1.4)  # of the disk's level: what is outside of it is something else
+ALIKE = 1.15  # over 1 by the squared tangent of the angle between two colours: of one hue and chroma in any light
+UNEVEN = (0.4, 0.25)  # off the plane of light, relative to all of the disk: samples further off do not tell it
+LIGHT = (0.3, 3.0)  # of the light, at the least and at the most
+ENOUGH = 2  # samples of a ray that are of the disk's level: the others may be burnt in
+NEAR_COLOUR = 0.3  # of a colour's distance to black, within which a sample is of it
+
 
 def hsv(bgr: np.ndarray) -> np.ndarray:
     """Hue in degrees, saturation and value of colours (m, 3) with full light at 1."""
@@ -63,19 +86,6 @@ class Palette:
         return nearest
 
 
-MIN_QUADRANT = 0.4  # share of the brightness' variance round the disk at two periods a turn; .81 for ideal quadrants
-
-MAX_CANDIDATES = 48
-RAYS = 48
-INNER = 8  # radii inside the disk, for its quadrants and colour
-REACH = 4.0  # px searched on either side of the expected rim
-STEP = 0.5  # px between samples across the rim
-LARGE = 32.0  # px of diameter, above which both grow with it
-CROSS_WEIGHT = 0.4  # of the quadrants' centre: its error is uncorrelated with the rim's and a little larger
-MAX_CROSS = 0.6  # px between the two beyond which something covers the quadrants and the rim alone counts
-NEAR = 0.4  # px from the true centre within which both measurements are linear
-PASSES = 3  # of a fit of whatever is there
-DISK_SHARE = 0.3  # of the rim, from which on it is one
 RIDGE, UNIT = np.float32(1e-3) * np.eye(3, dtype=np.float32), np.eye(2, dtype=np.float32)
 LUMA = np.array([0.114, 0.587, 0.299], np.float32)
 
@@ -304,23 +314,13 @@ class DiskFitter:
         return hsv(dark / np.maximum(white, third * INNER)), quadrant > MIN_QUADRANT
 
 
-OUTSIDE = 3  # samples at the end of a ray that tell what lies beyond the rim
-COLOUR_WEIGHT = 0.01
 # Brightness counts more than colour, which video keeps at half the resolution and half a pixel off.
 METRIC = np.outer(LUMA, LUMA) + np.float32(COLOUR_WEIGHT) * np.eye(3, dtype=np.float32)
-MIN_CONTRAST = 6.0  # grey levels, in this metric, between the disk and beyond: below, a ray tells nothing
-FULL = 200.0  # level of the disk's colour; what lies beyond has 0
-VALID = (0.6, 1.4)  # of the disk's level: what is outside of it is something else
-ALIKE = 1.15  # over 1 by the squared tangent of the angle between two colours: of one hue and chroma in any light
-UNEVEN = (0.4, 0.25)  # off the plane of light, relative to all of the disk: samples further off do not tell it
 # Samples' worth of an even light, and of one that is the disk's own in its middle, by whose colour it is told.
 LIGHT_RIDGE = np.diag(np.float32([40, 4, 4]))
 # An even light, and its lean towards one side (at the rim, as a share) that edges of what is burnt in may feign.
 EVEN, LEAN = np.float32([1, 0, 0]), np.float32(0.1)
-LIGHT = (0.3, 3.0)  # of the light, at the least and at the most
-ENOUGH = 2  # samples of a ray that are of the disk's level: the others may be burnt in
 MIDDLE = slice(2, INNER)  # samples inside that a hub leaves alone
-NEAR_COLOUR = 0.3  # of a colour's distance to black, within which a sample is of it
 
 
 class PlainFitter(DiskFitter):

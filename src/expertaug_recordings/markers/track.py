@@ -24,6 +24,8 @@ from expertaug_recordings.video.pixel_layout import KeptFrame
 
 Polygon = Sequence[tuple[float, float]]
 FRACTION = 4  # bits of a px to which corners are drawn
+MAY_BE_BLENDED = ("", "edge", "residual")  # reasons that this one takes the place of
+DIAMETER_FRAMES = 12  # on which an unknown diameter is measured
 
 
 class MaskedFrames:
@@ -62,10 +64,6 @@ def _corners(mask: Polygon) -> np.ndarray:
         (left, top), (right, bottom) = points
         points = np.array([(left, top), (right, top), (right, bottom), (left, bottom)])
     return np.rint(points * 2**FRACTION).astype(np.int32)
-
-
-MAY_BE_BLENDED = ("", "edge", "residual")  # reasons that this one takes the place of
-DIAMETER_FRAMES = 12  # on which an unknown diameter is measured
 
 
 def run_stage(store: str | Path, output: str | Path, job: TrackMarkersJob) -> Track:

@@ -24,6 +24,14 @@ from expertaug_recordings.video.source import open_frames
 from expertaug_recordings.video.writer import encode
 
 ANGLES = ("theta1", "theta2")
+HEIGHTS = (480, 1080)  # px of the frames in the overlay: smaller ones are enlarged, larger ones reduced
+PANEL, MARGIN = 170, 8  # px of the panel of angles below, and round it
+WINDOW_S, NOW = 3.0, 0.7  # seconds of angles that the panel shows, and where in it the present is
+AROUND_S = 0.5  # shown before and after a forecast outside of the chosen part
+HOLD_S = 1.0  # for which the end of a forecast is held
+CRF, SPEED = 23, "veryfast"
+THETA = ((255, 200, 90), (90, 170, 255))  # B, G, R of the angles
+GHOSTS = ((255, 90, 255), (90, 255, 255), (90, 255, 90), (255, 255, 90))
 
 
 @dataclass(frozen=True)
@@ -83,16 +91,8 @@ def forecasts_of(
             yield Forecast(label, start + steps, states[:, columns].astype(float))
 
 
-HEIGHTS = (480, 1080)  # px of the frames in the overlay: smaller ones are enlarged, larger ones reduced
-PANEL, MARGIN = 170, 8  # px of the panel of angles below, and round it
-WINDOW_S, NOW = 3.0, 0.7  # seconds of angles that the panel shows, and where in it the present is
-AROUND_S = 0.5  # shown before and after a forecast outside of the chosen part
-HOLD_S = 1.0  # for which the end of a forecast is held
-CRF, SPEED = 23, "veryfast"
-THETA = ((255, 200, 90), (90, 170, 255))  # B, G, R of the angles
 SHADES = {MEASURED: (90, 200, 90), INTERPOLATED: (0, 170, 255), UNUSABLE: (60, 60, 255)}
 STATES = {MEASURED: "measured", INTERPOLATED: "not used", UNUSABLE: "unusable"}
-GHOSTS = ((255, 90, 255), (90, 255, 255), (90, 255, 90), (255, 255, 90))
 
 
 @dataclass(frozen=True)

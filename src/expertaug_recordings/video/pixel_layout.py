@@ -18,6 +18,9 @@ import numpy as np
 from av.video.reformatter import VideoReformatter
 
 KEPT = ("yuv420p", "yuvj420p")  # any other format is kept as BGR, and so are images of odd sizes
+MULTIPLE = 8  # px: sides of patches are multiples of it, as the conversion takes them
+BLACK = {"yuv420p": (16, 128, 128), "yuvj420p": (0, 128, 128)}
+FULL_RANGE = 2  # FFmpeg's number
 
 
 @dataclass(frozen=True)
@@ -116,11 +119,6 @@ class Layout:
 
 def _bgr(frame: av.VideoFrame) -> np.ndarray:
     return frame.to_ndarray(format="bgr24", interpolation="BICUBIC", threads=1)
-
-
-MULTIPLE = 8  # px: sides of patches are multiples of it, as the conversion takes them
-BLACK = {"yuv420p": (16, 128, 128), "yuvj420p": (0, 128, 128)}
-FULL_RANGE = 2  # FFmpeg's number
 
 
 class KeptFrame:

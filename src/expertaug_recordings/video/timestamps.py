@@ -14,6 +14,9 @@ from expertaug.errors import InputError
 
 JITTER = 0.02  # of a step by which times may be off even ones, besides half a tick of their clock
 COARSE = 0.2  # of a step that half a tick may be: a missing frame is half a step off
+WHERE = "recordings.videos"
+FEWEST = 2  # frames
+SLACK = 1e-3  # of an interval by which a frame may be outside
 
 
 def judge(path: Path, times: np.ndarray, tick: float) -> tuple[float, bool]:
@@ -47,11 +50,6 @@ def in_seconds(times_ms: np.ndarray, rate_hz: float | None) -> tuple[float, np.n
     shown = 1000 / float(np.median(np.diff(times_ms)))
     nominal = shown if rate_hz is None else rate_hz
     return nominal, (times_ms - times_ms[0]) / 1000 * (shown / nominal)
-
-
-WHERE = "recordings.videos"
-FEWEST = 2  # frames
-SLACK = 1e-3  # of an interval by which a frame may be outside
 
 
 def shown_ms(path: Path, options: Mapping[str, str], tick_ms: float) -> np.ndarray | None:

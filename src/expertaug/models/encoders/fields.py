@@ -15,6 +15,8 @@ from expertaug.models.posterior import Delta, Posterior, constrain
 from expertaug.models.settings import ConvSettings, MomentSettings, configure_by
 from expertaug.systems import System
 
+PART = 64  # windows whose moments are made at a time where no gradient is wanted
+
 
 @configure_by(ConvSettings)
 class ConvEncoder(nn.Module):
@@ -64,9 +66,6 @@ class ConvEncoder(nn.Module):
         hidden = torch.relu(self.trunk(layer_averages(self.layers, x, self.system.periodic)))
         z_e = constrain(self.head(hidden), self.system.expert_parameters)
         return Posterior(Delta(z_e), Delta(self.latent_head(hidden)))
-
-
-PART = 64  # windows whose moments are made at a time where no gradient is wanted
 
 
 class Moments(nn.Module):
