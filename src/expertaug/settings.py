@@ -34,6 +34,8 @@ Raw: TypeAlias = Mapping[str, JsonValue]  # what a JSON or YAML file holds, not 
 MANY = 2**31 - 1  # what counts something is at most this
 LARGEST = 3.4028235e38  # of float32
 OWN = "own"  # in the place of the ranges of p⁺ that are to be found
+LEFT_OUT: Any = object()
+ONE, LIST, KEYS = Tag("@one"), Tag("@list"), Tag("@keys")
 
 
 class Settings(BaseModel):
@@ -109,9 +111,6 @@ def key(default: Any, description: str, unit: str = "", **limits: Any) -> Any:
     return Field(**made, description=description, json_schema_extra=extra or None, **limits)
 
 
-LEFT_OUT: Any = object()
-
-
 def is_left_out(kind: type[BaseModel], name: str) -> bool:
     """Whether a key has no value at all where it is not given."""
     field = kind.model_fields.get(name)
@@ -167,7 +166,6 @@ def _shape(value: object) -> str:
 
 # A value that may be written in several ways: as one scalar, a list or a mapping of keys.
 by_shape = Discriminator(_shape)
-ONE, LIST, KEYS = Tag("@one"), Tag("@list"), Tag("@keys")
 
 
 @dataclass(frozen=True)

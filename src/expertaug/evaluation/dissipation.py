@@ -45,6 +45,7 @@ CAPTION = (
 TITLE = "loss of energy"
 DIAGONAL = {"color": "0.6", "linewidth": 0.8, "zorder": 1}
 WIDE = 3.0  # times the measured loss, above which an axis is no longer linear
+THREE_DIGITS = Metric("dissipated", "dissipated")
 
 
 def measured_loss(system: System, t: Tensor, states: Tensor, z_e: Tensor) -> Tensor:
@@ -209,9 +210,6 @@ def _losses(
 def recordings_of(chunks: Trajectories) -> np.ndarray:
     """The recording of each chunk, (N,): ids are recording/first frame; one for all where there are none."""
     return np.full(len(chunks), "all") if chunks.trajectories is None else chunks.trajectories
-
-
-THREE_DIGITS = Metric("dissipated", "dissipated")
 
 
 def tables(losses: Sequence[Loss], job: DissipationJob) -> list[Table]:

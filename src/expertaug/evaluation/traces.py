@@ -35,6 +35,7 @@ COLOURS = "RdBu_r"
 OVERSHOOT = 0.1  # of the truth's range that the colours reach beyond it
 QUANTILE = 99.0  # of the errors that their colours reach to: one forecast that runs away would hide all others
 METRICS = {"loss": "training loss", "validation_score": "selection score"}
+PLAIN = FigureReading(labels=[])
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,6 @@ class View:
     samples: Sequence[int] = ()
     seed: int | None = None
     measured: bool = False
-
-
-PLAIN = FigureReading(labels=[])
 
 
 def forecasts(

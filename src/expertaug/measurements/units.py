@@ -20,6 +20,13 @@ _SMALL = ("rad", "deg", "dps", "s")  # never a thousand of them: Grad is German 
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "h": 1e2, "k": 1e3, "M": 1e6, "G": 1e9, "p": 1e-12}
 _UNSURE = ("in", "min", "d", "h", "1", "1000", "")  # what also is a word or part of a name
 _SYMBOLS = {"µ": "u", "μ": "u", "⁻": "-", "¹": "1", "²": "2", "³": "3", "⋅": "*", "·": "*", "×": "*", "−": "-"}
+_TURN = 2 * math.pi
+_TOKEN = re.compile(r"[A-Za-z%]+0?|1000(?![0-9])|\^?[-+]?\d+|[*/()_ ]")
+_BRACKETS = re.compile(r"^(.*?)[\s_/,]*[\[({<]([^\])}>]*(?:\([^)]*\))?[^\])}>]*)[\])}>]\s*$")
+_AFTER_SLASH = re.compile(r"^(.*?\S)\s*/\s*(\S.*)$")
+_AFTER_WORD = re.compile(r"^(.*\S)(?:\s+in\s+|\s*[,:;]\s*)(\S.*)$", re.IGNORECASE)
+_IN = re.compile(r"^(.*\S)\s+in\s+(\S+)$", re.IGNORECASE)
+_AFTER_IN = re.compile(r"^(.+)[_.]in[_.](.+)$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -76,7 +83,6 @@ _KIND_OF: Mapping[Dimension, str] = {
     _dimension(0, 1, 0, 0, 1): "charge",
     _K: "temperature",
 }
-_TURN = 2 * math.pi
 # Units that take prefixes (k, m, …) and those that do not.
 _PREFIXED: Mapping[str, Unit] = {
     "rad": Unit(_RAD),
@@ -186,7 +192,6 @@ _WORDS: Mapping[str, str] = {
     }.items()
     for word in words.split()
 }
-_TOKEN = re.compile(r"[A-Za-z%]+0?|1000(?![0-9])|\^?[-+]?\d+|[*/()_ ]")
 _SYMBOLS |= {
     "℃": "degC",
     "°C": "degC",
@@ -338,13 +343,6 @@ class Told:
         """Whether the unit, where one is told, is one of the kind of ``to``."""
         own, unit = parse(to), parse(self.unit)
         return own is not None and unit is not None and own.dimension == unit.dimension
-
-
-_BRACKETS = re.compile(r"^(.*?)[\s_/,]*[\[({<]([^\])}>]*(?:\([^)]*\))?[^\])}>]*)[\])}>]\s*$")
-_AFTER_SLASH = re.compile(r"^(.*?\S)\s*/\s*(\S.*)$")
-_AFTER_WORD = re.compile(r"^(.*\S)(?:\s+in\s+|\s*[,:;]\s*)(\S.*)$", re.IGNORECASE)
-_IN = re.compile(r"^(.*\S)\s+in\s+(\S+)$", re.IGNORECASE)
-_AFTER_IN = re.compile(r"^(.+)[_.]in[_.](.+)$", re.IGNORECASE)
 
 
 def parse_header(header: str, row: str | None = None) -> Told:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 Classes = Mapping[str, Callable]
 
 ESTIMATORS: dict[str, type[EstimatorKind]] = {}  # by short name
+ESTIMATOR = Part("kind of estimators", {}, f"{__name__}:EstimatorKind", needed="network", given=())
 
 
 class EstimatorKind:
@@ -103,7 +104,6 @@ class EstimatorKind:
         raise NotImplementedError
 
 
-ESTIMATOR = Part("kind of estimators", {}, f"{__name__}:EstimatorKind", needed="network", given=())
 Kind = TypeVar("Kind", bound=type[EstimatorKind])
 
 

@@ -26,6 +26,7 @@ GREEK = frozenset(
 )
 LATEX_CALLS = {"abs": r"\left|%s\right|", "sqrt": r"\sqrt{%s}", "exp": r"e^{%s}"}
 NAMED = {"log": r"\ln", "sin": r"\sin", "cos": r"\cos", "tan": r"\tan", "tanh": r"\tanh"}
+PRECEDENCE: Mapping[type, int] = {ast.Add: 1, ast.Sub: 1, ast.Mult: 2, ast.Div: 3, ast.Pow: 4}
 
 
 @dataclass(frozen=True)
@@ -174,9 +175,6 @@ def _text(node: ast.AST) -> str:
     if "text" not in vars(node):
         vars(node)["text"] = ast.unparse(node)
     return vars(node)["text"]
-
-
-PRECEDENCE: Mapping[type, int] = {ast.Add: 1, ast.Sub: 1, ast.Mult: 2, ast.Div: 3, ast.Pow: 4}
 
 
 def _latex(node: ast.AST, outer: int = 0) -> str:

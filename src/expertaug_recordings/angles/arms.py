@@ -34,6 +34,7 @@ WORTH = 2.0  # over the root of the frames' number: the share by which a shorter
 TOLERANCE = 8.0  # robust standard deviations of an arm's length
 AROUND_S, AROUND = 0.5, 0.25  # s, and share of the arm by which a shaking pivot may be off its median over them
 TOLERANCES = (0.005, 0.1)  # shares of the arm's length, the least and the most that this may be
+WINDOWS_S = (STILL_S, 0.16, 0.08, 0.04, 0.02, 0.01, 0.0)  # over which a pivot may be averaged
 
 
 @dataclass(frozen=True)
@@ -114,9 +115,6 @@ def _harmonics(vectors: np.ndarray, k: int, offsets: dict[str, np.ndarray]) -> d
         sure = np.hypot(*total) > max(CERTAIN * error, noise)
         change[name] = x[first : first + 2] if sure else -offsets[name]
     return change
-
-
-WINDOWS_S = (STILL_S, 0.16, 0.08, 0.04, 0.02, 0.01, 0.0)  # over which a pivot may be averaged
 
 
 @dataclass(frozen=True)

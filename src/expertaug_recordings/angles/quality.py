@@ -14,6 +14,19 @@ MEASURED, INTERPOLATED, UNUSABLE = 1.0, 0.5, 0.0  # qualities of a frame's angle
 NO_PIVOT = "pivot_interpolated"  # reason of a measured frame whose pivot comes from its neighbours
 
 CORRECTED = "corrected"  # and of one in which a marker was placed by hand
+MUCH = np.deg2rad(60.0)  # turn from frame to frame in the median, above which frames are too few to follow
+WORDS = {  # reason → what it is of so many frames, and what helps
+    REPEATED: ("repeat the one before", "use the video as it was before its frame rate was converted"),
+    TORN: ("are torn", UNTEAR),
+    BLENDED: ("are mixtures of two", "use the video as it was before its frame rate was converted"),
+    DROPPED: ("are missing", ""),
+    DISMISSED: ("are dismissed by hand", "look at recordings.corrections"),
+    "short_stretch": ("lie in stretches too short between these", ""),
+    "margin": ("are at a stretch's ends", "set recordings.angles.smoothing_order to 3"),
+    "interpolated": ("are interpolated", ""),
+    "arm_length": ("have an arm of another length", "set recordings.angles.arm_tolerance"),
+    "outlier": ("are off their neighbours", "set recordings.angles.outlier_floor_deg"),
+}
 
 
 def trust_tracker(markers: MarkerTable) -> tuple[np.ndarray, np.ndarray]:
@@ -59,21 +72,6 @@ def gap_lengths(present: np.ndarray) -> list[int]:
     """Lengths of the runs of frames that are not present (n,)."""
     edges = np.diff(np.concatenate(([0], (~present).astype(np.int8), [0])))
     return (np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)).tolist()
-
-
-MUCH = np.deg2rad(60.0)  # turn from frame to frame in the median, above which frames are too few to follow
-WORDS = {  # reason → what it is of so many frames, and what helps
-    REPEATED: ("repeat the one before", "use the video as it was before its frame rate was converted"),
-    TORN: ("are torn", UNTEAR),
-    BLENDED: ("are mixtures of two", "use the video as it was before its frame rate was converted"),
-    DROPPED: ("are missing", ""),
-    DISMISSED: ("are dismissed by hand", "look at recordings.corrections"),
-    "short_stretch": ("lie in stretches too short between these", ""),
-    "margin": ("are at a stretch's ends", "set recordings.angles.smoothing_order to 3"),
-    "interpolated": ("are interpolated", ""),
-    "arm_length": ("have an arm of another length", "set recordings.angles.arm_tolerance"),
-    "outlier": ("are off their neighbours", "set recordings.angles.outlier_floor_deg"),
-}
 
 
 def _steps(theta: np.ndarray) -> np.ndarray:

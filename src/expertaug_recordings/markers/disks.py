@@ -44,6 +44,15 @@ UNEVEN = (0.4, 0.25)  # off the plane of light, relative to all of the disk: sam
 LIGHT = (0.3, 3.0)  # of the light, at the least and at the most
 ENOUGH = 2  # samples of a ray that are of the disk's level: the others may be burnt in
 NEAR_COLOUR = 0.3  # of a colour's distance to black, within which a sample is of it
+RIDGE, UNIT = np.float32(1e-3) * np.eye(3, dtype=np.float32), np.eye(2, dtype=np.float32)
+LUMA = np.array([0.114, 0.587, 0.299], np.float32)
+# Brightness counts more than colour, which video keeps at half the resolution and half a pixel off.
+METRIC = np.outer(LUMA, LUMA) + np.float32(COLOUR_WEIGHT) * np.eye(3, dtype=np.float32)
+# Samples' worth of an even light, and of one that is the disk's own in its middle, by whose colour it is told.
+LIGHT_RIDGE = np.diag(np.float32([40, 4, 4]))
+# An even light, and its lean towards one side (at the rim, as a share) that edges of what is burnt in may feign.
+EVEN, LEAN = np.float32([1, 0, 0]), np.float32(0.1)
+MIDDLE = slice(2, INNER)  # samples inside that a hub leaves alone
 
 
 def hsv(bgr: np.ndarray) -> np.ndarray:
@@ -84,10 +93,6 @@ class Palette:
             if strong and away <= reach and away < least:
                 nearest, least = k, away
         return nearest
-
-
-RIDGE, UNIT = np.float32(1e-3) * np.eye(3, dtype=np.float32), np.eye(2, dtype=np.float32)
-LUMA = np.array([0.114, 0.587, 0.299], np.float32)
 
 
 @dataclass(frozen=True)
@@ -312,15 +317,6 @@ class DiskFitter:
         power, whole = np.einsum("mk,mk->m", wave, wave), np.einsum("mk,mk->m", swing, swing)
         quadrant = power * (2 / RAYS) / np.maximum(whole, 1e-3 * INNER**2)
         return hsv(dark / np.maximum(white, third * INNER)), quadrant > MIN_QUADRANT
-
-
-# Brightness counts more than colour, which video keeps at half the resolution and half a pixel off.
-METRIC = np.outer(LUMA, LUMA) + np.float32(COLOUR_WEIGHT) * np.eye(3, dtype=np.float32)
-# Samples' worth of an even light, and of one that is the disk's own in its middle, by whose colour it is told.
-LIGHT_RIDGE = np.diag(np.float32([40, 4, 4]))
-# An even light, and its lean towards one side (at the rim, as a share) that edges of what is burnt in may feign.
-EVEN, LEAN = np.float32([1, 0, 0]), np.float32(0.1)
-MIDDLE = slice(2, INNER)  # samples inside that a hub leaves alone
 
 
 class PlainFitter(DiskFitter):

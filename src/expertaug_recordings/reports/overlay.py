@@ -32,6 +32,8 @@ HOLD_S = 1.0  # for which the end of a forecast is held
 CRF, SPEED = 23, "veryfast"
 THETA = ((255, 200, 90), (90, 170, 255))  # B, G, R of the angles
 GHOSTS = ((255, 90, 255), (90, 255, 255), (90, 255, 90), (255, 255, 90))
+SHADES = {MEASURED: (90, 200, 90), INTERPOLATED: (0, 170, 255), UNUSABLE: (60, 60, 255)}
+STATES = {MEASURED: "measured", INTERPOLATED: "not used", UNUSABLE: "unusable"}
 
 
 @dataclass(frozen=True)
@@ -89,10 +91,6 @@ def forecasts_of(
                 problem = f"forecasts {str(identity)!r} over {steps[-1] + 1} frames"
                 raise InputError(where, problem, f"{recording} has no such frames: run evaluate again")
             yield Forecast(label, start + steps, states[:, columns].astype(float))
-
-
-SHADES = {MEASURED: (90, 200, 90), INTERPOLATED: (0, 170, 255), UNUSABLE: (60, 60, 255)}
-STATES = {MEASURED: "measured", INTERPOLATED: "not used", UNUSABLE: "unusable"}
 
 
 @dataclass(frozen=True)
