@@ -1,6 +1,6 @@
 """Draw figures of scores and of estimates of published runs anew from their tables, by today's code: numbers stay.
 
-    python benchmarks/redraw.py results/published/default results/published/ten_seeds
+    python benchmarks/redraw.py results/published/default results/published/ten_seeds_rlc
 
 Figures whose samples are not published (forecasts, coverage, alarms …) stay as they are; so do those that the run has
 not.  Where its configuration names measurements or recordings, start it where they lie.
