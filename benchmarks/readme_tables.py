@@ -53,7 +53,7 @@ ALARM = re.compile(r"(<!-- alarm: (\S+) (\S+) (\S+) (\S+) -->)[^<]*(<!-- -->)")
 def of_paper(folder: Path, name: str) -> list[str]:
     """A table of the paper: a row for each experiment and set, a column for each method that was run."""
     experiments = _config(folder)["experiments"]
-    table = pd.read_csv(folder / "tables" / "published.csv")
+    table = _table(folder / "tables" / "published.csv")
     table = table[(table["table"] == name) & (table["n"] > 0)]
     digits = "{:.1f} ± {:.1f}" if name == "synth_log_mse" else "{:.0f} ± {:.0f}"
     labels = sorted(table["label"].unique(), key=lambda label: (label.rstrip("+"), label))
@@ -74,7 +74,7 @@ def of_experiment(folder: Path, name: str, versions: str | None) -> list[str]:
     """Log-MSE of every method on training, validation, IID (where there is one) and test set, in the experiment's
     convention; intervals where the run has them."""
     metric = _log_mse(_config(folder), name)
-    table = pd.read_csv(folder / "tables" / f"{name}.csv")
+    table = _table(folder / "tables" / f"{name}.csv")
     if versions is not None:
         table = table.set_index("method", drop=False).loc[versions.split(",")]
     sets = [s for s in ("train", "validation", "iid", "test") if f"{s}/{metric}/mean" in table]
@@ -92,8 +92,8 @@ def beside_paper(folder: Path, name: str, versions: str) -> list[str]:
 
     config = _config(folder)
     metric = _log_mse(config, name)
-    ours = pd.read_csv(folder / "tables" / f"{name}.csv").set_index("method")
-    paper = pd.read_csv(folder / "tables" / f"{name}_published.csv").query("table == 'synth_log_mse'")
+    ours = _table(folder / "tables" / f"{name}.csv").set_index("method")
+    paper = _table(folder / "tables" / f"{name}_published.csv").query("table == 'synth_log_mse'")
     paper = paper.set_index(["label", "set"])
     rows = []
     for version in versions.split(","):
@@ -133,6 +133,11 @@ def of_curves(folder: Path, name: str, along: str, one_set: str) -> list[str]:
         for label, part in group_by(points, lambda one: one.label).items()
     ]
     return grid([AXES[along], *(plain(value) for value in dict.fromkeys(one.value for one in points))], rows, 1)
+
+
+@cache
+def _table(path: Path) -> pd.DataFrame:
+    return pd.read_csv(path)
 
 
 @cache
@@ -182,18 +187,18 @@ def main() -> int:
         return match[1] + "\n".join(of_curves(folder, match[3], match[4], match[5])) + "\n"
 
     def value(match: re.Match) -> str:
-        table = pd.read_csv(options.root / "results" / "published" / match[2] / "tables" / f"{match[3]}.csv")
+        table = _table(options.root / "results" / "published" / match[2] / "tables" / f"{match[3]}.csv")
         line = table.set_index("method").loc[match[4]]
         return match[1] + _cell(line, match[5], match[6], bool(match[7])).text() + match[8]
 
     def count(match: re.Match) -> str:
-        cells = pd.read_csv(options.root / "results" / "published" / match[2] / "tables" / "published.csv")
+        cells = _table(options.root / "results" / "published" / match[2] / "tables" / "published.csv")
         cells = cells[cells["n"] > 0]
         chosen = cells["at_or_below"] if match[3] == "at_or_below" else cells["verdict"] == match[3]
         return f"{match[1]}{int(chosen.astype(bool).sum())} of {len(cells)}{match[4]}"
 
     def alarm(match: re.Match) -> str:
-        table = pd.read_csv(options.root / "results" / "published" / match[2] / "tables" / f"{match[3]}_alarm.csv")
+        table = _table(options.root / "results" / "published" / match[2] / "tables" / f"{match[3]}_alarm.csv")
         row = (table["method"] == match[4]) & (table["score"] == match[5]) & (table["set"] == "test")
         return f"{match[1]}{table.loc[row, 'auroc'].mean():.3f}{match[6]}"
 

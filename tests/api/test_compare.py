@@ -65,6 +65,7 @@ def test_the_right_one_of_three_is_found(alpha, right):
     assert set(found.table.index) == set(EXPERTS)
 
 
+@pytest.mark.slow
 def test_what_a_few_noisy_windows_cannot_tell_is_said():
     found = compare(EXPERTS, swings(0.02, n=3, noise=0.3), observed_s=2.0, noise=0.3, priors=RANGES, **HOW)
     assert found.chosen is None

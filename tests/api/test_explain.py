@@ -187,6 +187,7 @@ def test_an_equation_that_is_written_as_a_class_is_the_same(sets, found, tmp_pat
     assert np.allclose(model.forecast(sets[0].seen[:, : model.observed], T).z_e["c0"], -sets[0].z_a[:, 0], atol=0.15)
 
 
+@pytest.mark.slow
 def test_a_term_may_be_a_function(sets, tmp_path):
     drag = ea.Term("omega", "my drag", lambda values: -values["omega"])
     found = explain(fitted(sets[0]), *sets, only=["omega: cos(theta)"], extra=[drag])
@@ -198,6 +199,7 @@ def test_a_term_may_be_a_function(sets, tmp_path):
         found.source("Dragged")
 
 
+@pytest.mark.slow
 def test_a_constant_that_drifts_is_no_law():
     # Slow and fast motion of the same cubic friction: a linear one fits either, with another constant.
     class Cubic(Spring):

@@ -63,6 +63,7 @@ def test_a_file_knows_how_it_is_fitted(clean, fitted, tmp_path, capsys):
     assert table["chi2"].nunique() == 1
 
 
+@pytest.mark.slow
 def test_of_a_long_z_a_only_what_varies_most_is_sought(sets, tmp_path):
     encoder = {"kind": "recurrent", "hidden": 24, "layers": [8]}
     recipe = ea.HybridModel(ea.DampedPendulum(), encoder=encoder, interaction={"kind": "mlp", "layers": [6, 6]})
@@ -113,6 +114,7 @@ def test_a_trained_model_is_refined_and_stays_as_it_is(sets, fit, tmp_path, caps
     assert main([*call, "-1"]) == 2 and "--refine: found -1" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_where_f_a_holds_is_said_of_windows_alone(fitted):
     def drawn(low, high, n, seed):
         return ea.simulate(

@@ -72,6 +72,7 @@ def test_parameters_that_windows_tell_are_not_doubted(caplog):
     assert not any("tell" in line or "bound" in line or "start" in line for line in said)
 
 
+@pytest.mark.slow
 def test_a_positive_parameter_at_zero_is_named(caplog):
     class Driven(Damped):
         def rate(self, y, z_e):

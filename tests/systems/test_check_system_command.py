@@ -14,6 +14,7 @@ from expertaug import cli
 from expertaug.config import load as config
 from expertaug.config.models import Configuration
 from expertaug.runs.own_classes import check_classes
+from nightly import others_slow
 from test_own_system import EXPERIMENT, SYSTEM
 
 TRUTH = "return self._rates(y, z_e, 1 / (1 + z_a[..., 0] * y[..., 0]))"
@@ -78,16 +79,19 @@ def test_what_is_right_is_told_line_by_line(project, capsys):
 
 @pytest.mark.parametrize(
     "change",
-    [
-        one({"kind": "plain_parts:LinearEncoder"}, *ENCODER),
-        one({"kind": "plain_parts:KeywordEncoder", "gain": 2.0}, *ENCODER),
-        one({"kind": "plain_parts:SpectralInteraction"}, *INTERACTION),
-        one([5.0, 6.0], "training", "objective", "lambda0"),
-        {"seeds": [0, 1, 2], "seeds_per_job": 3} | one([5.0, 6.0, 7.0], "training", "objective", "lambda0"),
-        one({"methods": ["hvae"], "augmented": ["hvae"]})
-        | {"methods": {"hvae": {"kind": "hybrid", "label": "HVAE", "objective": "hvae"}}}
-        | one({"kind": "two_step", "latent_layers": [4], "filter_layers": [4], "expert_layers": [4]}, *ENCODER),
-    ],
+    others_slow(
+        [
+            one({"kind": "plain_parts:LinearEncoder"}, *ENCODER),
+            one({"kind": "plain_parts:KeywordEncoder", "gain": 2.0}, *ENCODER),
+            one({"kind": "plain_parts:SpectralInteraction"}, *INTERACTION),
+            one([5.0, 6.0], "training", "objective", "lambda0"),
+            {"seeds": [0, 1, 2], "seeds_per_job": 3} | one([5.0, 6.0, 7.0], "training", "objective", "lambda0"),
+            one({"methods": ["hvae"], "augmented": ["hvae"]})
+            | {"methods": {"hvae": {"kind": "hybrid", "label": "HVAE", "objective": "hvae"}}}
+            | one({"kind": "two_step", "latent_layers": [4], "filter_layers": [4], "expert_layers": [4]}, *ENCODER),
+        ],
+        2,
+    ),
 )
 def test_ordinary_parts_pass(project, change):
     assert cli.main(["check-system", str(project(**change))]) == 0

@@ -41,6 +41,7 @@ def test_rebuild_equals_the_original(tmp_path, tracking):
     assert sorted(run.data.metrics["test/log_mse_sum"] for run in evaluated) == [-1.5, -0.5]
 
 
+@pytest.mark.slow
 def test_rebuild_keeps_the_old_store_aside(tmp_path):
     """The first store is made in a process of its own: MLflow keeps a store open as long as the process lives."""
     results, tracking = tmp_path / "results", settings(tmp_path / "results")

@@ -49,6 +49,7 @@ def test_a_step_is_one_evaluation_once_it_has_started(method, start):
     assert len(called) == sum(start) + len(T) - 1 - len(start)
 
 
+@pytest.mark.slow
 def test_after_a_change_of_the_steps_length_it_starts_again():
     uneven = torch.cat((T[:12], T[11] + 0.03 * torch.arange(1, 20)))
     whole, parts = solved(Solver("ab5"), uneven), solved(Solver("ab5"), uneven[:12])
