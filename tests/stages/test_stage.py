@@ -10,6 +10,7 @@ import pytest
 from expertaug import source_files
 from expertaug.equation.settings import EquationSettings
 from expertaug.errors import InputErrors, lines
+from expertaug.stages import STAGES
 from expertaug.stages.stage import Stage, StageWithPrior, to_json
 
 
@@ -70,3 +71,41 @@ def test_its_software_changes_with_a_file_that_it_is_made_of(tmp_path, monkeypat
     digest, *packages = Sweep.software(["own_broom:Broom"])
     assert digest != Sweep.software()[0] and digest == source_files.digest([Sweep.code, "own_broom"])
     assert Sweep.software()[1:] == [] and [text.split()[0] for text in packages] == ["numpy"]
+
+
+class Fold(Stage):
+    """fold"""
+
+    name = "fold-sheets"
+
+    @staticmethod
+    def add_arguments(parser):
+        parser.add_argument("sheets", nargs="+")
+        parser.add_argument("--output", required=True)
+        parser.add_argument("--on-edge", choices=("stop", "go"), default="stop")
+        parser.add_argument("--colour")
+        parser.add_argument("--pages", nargs="*", default=[])
+
+
+def test_a_rules_shell_has_each_value_at_its_option():
+    places = "input.files output.sheet params.colour params.pages resources.on_edge"
+    assert Fold.command(places) == (
+        "expertaug fold-sheets {input.files:q} --output {output.sheet:q} {params.colour} --pages {params.pages:q}"
+        " --on-edge {resources.on_edge:q} --log {log:q}"
+    )
+    assert Fold.command("params.sheets params.folder", "{params.stage}") == (
+        "expertaug {params.stage} {params.sheets:q} --output {params.folder:q} --log {log:q}"
+    )
+    for places, problem in {
+        "input.sheets": "needs output, sheets",
+        "output": "needs sheets, has output",
+        "input.sheets output params.width": r"takes no params\.width",
+    }.items():
+        with pytest.raises(TypeError, match=problem):
+            Fold.command(places)
+
+
+@pytest.mark.parametrize("stages", [("train", "alternate", "share"), ("cut_horizon", "cut_measured_horizon")])
+def test_stages_between_which_a_rules_jobs_choose_take_the_same(stages):
+    places = "input.files output" if "cut_horizon" in stages else "params.data output params.work params.prior"
+    assert len({STAGES[stage].command(places, "{params.stage}") for stage in stages}) == 1

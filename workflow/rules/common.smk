@@ -84,6 +84,11 @@ def stage_params(stage, *names):
     return {"software": software(stage), "settings": settings(stage, *names)}
 
 
+def command(stage, places, name=None):
+    """A rule's shell: its stage with what the rule has for it, each by its place."""
+    return STAGES[stage].command(places, name)
+
+
 def folder(path):
     """A parameter: a folder of the results, named by the job's wildcards."""
     return lambda wildcards: results(path).format(**wildcards)

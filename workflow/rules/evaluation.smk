@@ -21,8 +21,7 @@ rule evaluate_seed_group:
     message:
         "evaluate {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
-        "expertaug evaluate --model {input.model:q} --data {params.data:q} --output {output.metrics:q}"
-        " --forecasts {output.forecasts:q} {params.prior} --settings {params.settings:q} --log {log:q}"
+        command("evaluate", "input.model params.data output.metrics output.forecasts params.prior")
 
 
 rule log_evaluations_of_experiment:
@@ -40,7 +39,7 @@ rule log_evaluations_of_experiment:
     message:
         "draw and store each evaluation of {wildcards.experiment}"
     shell:
-        "expertaug log-evaluations {input.forecasts:q} --output {output:q} --tracking {input.tracking:q} --log {log:q}"
+        command("log_evaluations", "input.forecasts output input.tracking")
 
 
 rule tabulate_experiment:
@@ -59,8 +58,7 @@ rule tabulate_experiment:
     message:
         "tabulate {wildcards.experiment}"
     shell:
-        "expertaug tabulate {input.metrics:q} --forecasts {input.forecasts:q} --output {output:q}"
-        " --settings {params.settings:q} --log {log:q}"
+        command("tabulate", "input.metrics input.forecasts output")
 
 
 rule plot_experiment:
@@ -85,8 +83,7 @@ rule plot_experiment:
     message:
         "plot {wildcards.experiment}"
     shell:
-        "expertaug plot {input.table:q} --forecasts {params.forecasts:q} --logs {params.logs:q}"
-        " --output {params.prefix:q} --settings {params.settings:q} --log {log:q}"
+        command("plot", "input.table params.forecasts params.logs params.prefix")
 
 
 rule compare_experiment:
@@ -107,8 +104,7 @@ rule compare_experiment:
     message:
         "compare {wildcards.experiment} with the published numbers"
     shell:
-        "expertaug compare {input.metrics:q} --forecasts {input.forecasts:q} --output {output:q}"
-        " --settings {params.settings:q} --log {log:q}"
+        command("compare", "input.metrics input.forecasts output")
 
 
 if COMPARED:
@@ -146,4 +142,4 @@ if OVERVIEWS:
         message:
             "plot all experiments"
         shell:
-            "expertaug overview {input.tables:q} --output {params.folder:q} --settings {params.settings:q} --log {log:q}"
+            command("overview", "input.tables params.folder")

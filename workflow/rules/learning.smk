@@ -13,7 +13,7 @@ rule init_tracking:
     message:
         "prepare the tracking store"
     shell:
-        "expertaug init-tracking --output {output:q} --settings {params.settings:q} --log {log:q}"
+        command("init_tracking", "output")
 
 
 rule train_seed_group:
@@ -41,8 +41,11 @@ rule train_seed_group:
     message:
         "train {wildcards.method} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
-        "expertaug {params.stage} --data {params.data:q} {params.calibration} --output {output.model:q}"
-        " --work {params.work:q} {params.prior} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
+        command(
+            "train",
+            "params.data output.model params.work input.tracking params.calibration params.prior",
+            name="{params.stage}",
+        )
 
 
 rule during_training_seed_group:
@@ -66,8 +69,7 @@ rule during_training_seed_group:
     message:
         "augment {wildcards.method} along its training on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
-        "expertaug during-training --snapshots {input.snapshots:q} --data {params.data:q} --output {output:q}"
-        " --work {params.work:q} {params.prior} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
+        command("during_training", "input.snapshots params.data output params.work input.tracking params.prior")
 
 
 rule own_prior_of_experiment:
@@ -87,8 +89,7 @@ rule own_prior_of_experiment:
     message:
         "find the ranges of p⁺ on {wildcards.experiment}, before training"
     shell:
-        "expertaug own-prior --data {params.data:q} {params.calibration} --output {output:q}"
-        " --settings {params.settings:q} --log {log:q}"
+        command("own_prior", "params.data output params.calibration")
 
 
 rule own_prior_seed_group:
@@ -110,8 +111,7 @@ rule own_prior_seed_group:
     message:
         "find the ranges of p⁺ of {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
-        "expertaug own-prior --model {input.model:q} --data {params.data:q} --output {output:q}"
-        " --settings {params.settings:q} --log {log:q}"
+        command("own_prior", "input.model params.data output")
 
 
 rule augment_seed_group:
@@ -135,8 +135,7 @@ rule augment_seed_group:
     message:
         "augment the data of {wildcards.experiment} for {wildcards.variant}, {wildcards.seed_group}"
     shell:
-        "expertaug augment --model {input.model:q} --data {params.data:q} --output {output:q}"
-        " {params.prior} --settings {params.settings:q} --log {log:q}"
+        command("augment", "input.model params.data output params.prior")
 
 
 rule finetune_seed_group:
@@ -164,9 +163,7 @@ rule finetune_seed_group:
     message:
         "fine-tune {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
-        "expertaug finetune --model {input.model:q} {params.augmented} --data {params.data:q}"
-        " --output {output:q} --work {params.work:q} {params.prior} --settings {params.settings:q}"
-        " --tracking {input.tracking:q} --log {log:q}"
+        command("finetune", "input.model params.data output params.work input.tracking params.augmented params.prior")
 
 
 rule flow_seed_group:
@@ -192,5 +189,4 @@ rule flow_seed_group:
     message:
         "learn the posterior {wildcards.variant} on {wildcards.experiment}, {wildcards.seed_group}"
     shell:
-        "expertaug flow --model {input.model:q} --data {params.data:q} --output {output:q} --work {params.work:q}"
-        " {params.prior} --settings {params.settings:q} --tracking {input.tracking:q} --log {log:q}"
+        command("flow", "input.model params.data output params.work input.tracking params.prior")

@@ -15,8 +15,7 @@ rule render_video_of_recording:
     message:
         "render {wildcards.recording}"
     shell:
-        "expertaug render-video --index {params.index} --output {output.video:q} --truth {output.truth:q}"
-        " --settings {params.settings:q} --log {log:q}"
+        command("render_video", "params.index output.video output.truth")
 
 
 rule extract_frames_of_recording:
@@ -31,13 +30,12 @@ rule extract_frames_of_recording:
         on_bad_recording=ON_BAD_RECORDING,
     params:
         **stage_params("extract_frames", "recording"),
-        checksum=checksum,
+        sha256=checksum,
         retry=to_retry("frames.b2frame"),
     message:
         "extract the frames of {wildcards.recording}"
     shell:
-        "expertaug extract-frames {input.video:q} --output {output:q} --settings {params.settings:q}"
-        " {params.checksum} --on-bad-recording {resources.on_bad_recording} --log {log:q}"
+        command("extract_frames", "input.video output resources.on_bad_recording params.sha256")
 
 
 if SOURCE != "markers":
@@ -65,8 +63,7 @@ if SOURCE != "markers":
         message:
             "track the markers of {wildcards.recording}"
         shell:
-            "expertaug track-markers {input.frames:q} --output {output:q} --settings {params.settings:q}"
-            " --on-bad-recording {resources.on_bad_recording} --log {log:q}"
+            command("track_markers", "input.frames output resources.on_bad_recording")
 
 else:
 
@@ -86,8 +83,7 @@ else:
             message:
                 "unpack the marker files of {input.archive}"
             shell:
-                "expertaug unpack-markers {input.archive:q} --output {output.folder:q}"
-                " --settings {params.settings:q} --log {log:q}"
+                command("unpack_markers", "input.archive output.folder")
 
     rule import_markers_of_recording:
         input:
@@ -101,13 +97,12 @@ else:
             on_bad_recording=ON_BAD_RECORDING,
         params:
             **stage_params("import_markers"),
-            checksum=checksum,
+            sha256=checksum,
             retry=to_retry("markers.csv"),
         message:
             "import the markers of {wildcards.recording}"
         shell:
-            "expertaug import-markers {input.csv:q} --output {output:q} --settings {params.settings:q}"
-            " {params.checksum} --on-bad-recording {resources.on_bad_recording} --log {log:q}"
+            command("import_markers", "input.csv output resources.on_bad_recording params.sha256")
 
 
 rule measure_angles_of_recording:
@@ -128,8 +123,7 @@ rule measure_angles_of_recording:
     message:
         "measure the angles of {wildcards.recording}"
     shell:
-        "expertaug measure-angles {input.markers:q} --output {output.angles:q} --summary {output.summary:q}"
-        " --settings {params.settings:q} --on-bad-recording {resources.on_bad_recording} --log {log:q}"
+        command("measure_angles", "input.markers output.angles output.summary resources.on_bad_recording")
 
 
 rule summarise_recordings:
@@ -147,8 +141,7 @@ rule summarise_recordings:
     message:
         "summarise the recordings"
     shell:
-        "expertaug summarise-recordings {input.summaries:q} --output {output.csv:q} --markdown {output.markdown:q}"
-        " --log {log:q}"
+        command("summarise_recordings", "input.summaries output.csv output.markdown")
 
 
 rule plot_page_of_recording:
@@ -167,8 +160,7 @@ rule plot_page_of_recording:
     message:
         "draw the page of {wildcards.recording}"
     shell:
-        "expertaug plot-recording --markers {input.markers:q} --angles {input.angles:q} --summary {input.summary:q}"
-        " --output {output:q} --log {log:q}"
+        command("plot_recording", "input.markers input.angles input.summary output")
 
 
 rule overlay_video:
@@ -191,9 +183,7 @@ rule overlay_video:
     message:
         "draw over the video of {wildcards.recording}"
     shell:
-        "expertaug overlay {input.video:q} --markers {input.markers:q} --angles {input.angles:q}"
-        " --summary {input.summary:q} --output {output:q} --forecasts {params.forecasts:q}"
-        " --settings {params.settings:q} --log {log:q}"
+        command("overlay", "input.video input.markers input.angles input.summary output params.forecasts")
 
 
 rule review_frames_of_recording:
@@ -214,9 +204,7 @@ rule review_frames_of_recording:
     message:
         "look for the worst frames of {wildcards.recording}"
     shell:
-        "expertaug draw-worst-frames {input.video:q} --markers {input.markers:q} --angles {input.angles:q}"
-        " --summary {input.summary:q} --output {output.sheet:q} --rows {output.rows:q}"
-        " --settings {params.settings:q} --log {log:q}"
+        command("draw_worst_frames", "input.video input.markers input.angles input.summary output.sheet output.rows")
 
 
 rule review_all_recordings:
@@ -235,7 +223,7 @@ rule review_all_recordings:
     message:
         "put the worst frames of all recordings on a page"
     shell:
-        "expertaug review {input.summaries:q} --output {output:q} --log {log:q}"
+        command("review", "input.summaries output")
 
 
 rule export_recording:
@@ -254,5 +242,4 @@ rule export_recording:
     message:
         "export {wildcards.recording}"
     shell:
-        "expertaug export-recording --markers {input.markers:q} --angles {input.angles:q} --output {params.folder:q}"
-        " --log {log:q}"
+        command("export_recording", "input.markers input.angles params.folder")

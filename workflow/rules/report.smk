@@ -19,4 +19,4 @@ rule write_report:
     message:
         "put tables, figures, costs and provenance on a page"
     shell:
-        "expertaug report --results {params.results:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+        command("report", "params.results output")

@@ -15,7 +15,7 @@ rule simulate_set:
     message:
         "simulate the {wildcards.set} set of {wildcards.experiment}"
     shell:
-        "expertaug simulate {wildcards.set} --output {output:q} --settings {params.settings:q} --log {log:q}"
+        command("simulate", "wildcards.set output")
 
 
 rule split_chunks_of_experiment:
@@ -37,7 +37,7 @@ rule split_chunks_of_experiment:
     message:
         "split the recordings into chunks for {wildcards.experiment}"
     shell:
-        "expertaug split-chunks {input.angles:q} --output {params.folder:q} --settings {params.settings:q} --log {log:q}"
+        command("split_chunks", "input.angles params.folder")
 
 
 rule plot_splits_of_experiment:
@@ -55,11 +55,11 @@ rule plot_splits_of_experiment:
         mem_mb=2000,
     params:
         software=software("plot_splits"),
-        folder=folder("{experiment}/data"),
+        data=folder("{experiment}/data"),
     message:
         "draw the splits of {wildcards.experiment}"
     shell:
-        "expertaug plot-splits {params.folder:q} --output {output:q} --log {log:q}"
+        command("plot_splits", "params.data output")
 
 
 rule cut_measurements_of_experiment:
@@ -82,7 +82,7 @@ rule cut_measurements_of_experiment:
     message:
         "cut the measurements of {wildcards.experiment} into chunks"
     shell:
-        "expertaug cut-measurements {input.files:q} --output {params.folder:q} --settings {params.settings:q} --log {log:q}"
+        command("cut_measurements", "input.files params.folder")
 
 
 # Longer chunks of the same frames or rows, which are evaluated alone.
@@ -105,7 +105,7 @@ rule cut_horizon_of_experiment:
     message:
         "cut the chunks of {wildcards.set} for {wildcards.experiment}"
     shell:
-        "expertaug {params.stage} {input.files:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+        command("cut_horizon", "input.files output", name="{params.stage}")
 
 
 rule calibrate_experiment:
@@ -124,4 +124,4 @@ rule calibrate_experiment:
     message:
         "calibrate the expert of {wildcards.experiment}"
     shell:
-        "expertaug calibrate {input.train:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+        command("calibrate", "input.train output")

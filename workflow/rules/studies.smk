@@ -21,7 +21,7 @@ for study in [name for name in STUDIES if not STUDIES[name].runs_models]:
         message:
             f"study {study} of {{wildcards.experiment}}"
         shell:
-            "expertaug {params.stage} {input.files:q} --output {output:q} --settings {params.settings:q} --log {log:q}"
+            command(STUDIES[study].key(), "input.files output")
 
 
 # Those that run models on sets: on the card, and what they cost is measured.
@@ -48,5 +48,4 @@ for study in [name for name in STUDIES if STUDIES[name].runs_models]:
         message:
             f"study {study} of {{wildcards.experiment}}"
         shell:
-            "expertaug {params.stage} {input.models:q} --data {params.data:q} --output {output:q}"
-            " --settings {params.settings:q} --log {log:q}"
+            command(STUDIES[study].key(), "input.models params.data output")

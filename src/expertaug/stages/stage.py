@@ -36,6 +36,24 @@ def to_json(settings: Any) -> str:
     return json.dumps(settings, sort_keys=True)
 
 
+class _Recorder(argparse.ArgumentParser):
+    """Keeps what a stage takes.
+
+    Attributes:
+        options, others: its arguments by name: those that are options, and those that are none.
+    """
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self.options: dict[str, argparse.Action] = {}
+        self.others: dict[str, argparse.Action] = {}
+
+    def add_argument(self, *names: str, **kwargs: Any) -> argparse.Action:
+        action = super().add_argument(*names, **kwargs)
+        (self.options if action.option_strings else self.others)[action.dest] = action
+        return action
+
+
 class Stage:
     """A stage: its docstring says what it does, a subclass the rest.
 
@@ -116,6 +134,40 @@ class Stage:
     def execute(cls, a: argparse.Namespace) -> None:
         """Run the stage as a command line says."""
         cls.run(a, cls.read(a) if cls.job else None)
+
+    @classmethod
+    def command(cls, places: str, name: str | None = None) -> str:
+        """The command line of its jobs as a rule's ``shell``; settings and log are in it by themselves.
+
+        Arguments:
+            places: where a rule has what the stage takes, as ``input.model output``: the value of the option of that
+                name; where nothing has that name, of a file that is made or of a parameter that of ``--output``; else
+                an argument that is no option. A parameter for one value that may be left out is the whole option.
+            name: of the subcommand, where jobs choose between several that take the same.
+
+        Raises:
+            TypeError: it needs what is not there, or takes no such argument.
+        """
+        parser = _Recorder(add_help=False)
+        cls.add_arguments(parser)
+        others, options = [], {}
+        for place in places.split():
+            kind, _, leaf = place.rpartition(".")
+            of_output = kind in ("output", "params") and leaf not in parser.others
+            option = leaf if leaf in parser.options else "output" if of_output else None
+            if option is None:
+                others.append(f"{{{place}:q}}")
+            elif option in options or option not in parser.options:
+                raise TypeError(f"{cls.name} takes no {place}")
+            else:
+                action = parser.options[option]
+                whole = kind == "params" and not action.required and action.nargs is None
+                options[option] = f"{{{place}}}" if whole else f"{action.option_strings[0]} {{{place}:q}}"
+        missing = {option for option, action in parser.options.items() if action.required} - options.keys()
+        if missing or len(others) != len(parser.others):
+            raise TypeError(f"{cls.name} needs {', '.join([*sorted(missing), *parser.others])}, has {places}")
+        settings = ["--settings {params.settings:q}"] if cls.job else []
+        return " ".join(["expertaug", name or cls.name, *others, *options.values(), *settings, "--log {log:q}"])
 
     @classmethod
     def settings_of(cls, config: Configuration, *names: str | None) -> str:
