@@ -11,6 +11,7 @@ from expertaug import source_files
 from expertaug.equation.settings import EquationSettings
 from expertaug.errors import InputErrors, lines
 from expertaug.stages import STAGES
+from expertaug.stages.planned import STUDIES
 from expertaug.stages.stage import Stage, StageWithPrior, to_json
 
 
@@ -109,3 +110,10 @@ def test_a_rules_shell_has_each_value_at_its_option():
 def test_stages_between_which_a_rules_jobs_choose_take_the_same(stages):
     places = "input.files output" if "cut_horizon" in stages else "params.data output params.work params.prior"
     assert len({STAGES[stage].command(places, "{params.stage}") for stage in stages}) == 1
+
+
+@pytest.mark.parametrize("runs_models", [False, True])
+def test_studies_of_a_kind_take_the_same(runs_models):
+    places = "input.models params.data output" if runs_models else "input.files output"
+    of_kind = [stage for stage in STUDIES.values() if stage.runs_models == runs_models]
+    assert len({stage.command(places, "{params.stage}") for stage in of_kind}) == 1

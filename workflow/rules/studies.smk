@@ -1,5 +1,5 @@
 # Studies of experiments: a rule for each that a stage makes (src/expertaug/stages/evaluation.py).
-# Its shell is read again when a job starts, with the last of the studies: the name of the stage is a parameter.
+# Those of a kind take the same. A shell is read again when its job starts, after the loop: the stage is a parameter.
 
 
 for study in [name for name in STUDIES if not STUDIES[name].runs_models]:
@@ -22,7 +22,7 @@ for study in [name for name in STUDIES if not STUDIES[name].runs_models]:
         message:
             f"study {study} of {{wildcards.experiment}}"
         shell:
-            command(STUDIES[study].key(), "input.files output", name="{params.stage}")
+            command(STUDIES["seeds"].key(), "input.files output", name="{params.stage}")
 
 
 # Those that run models on sets: on the card, and what they cost is measured.
@@ -49,4 +49,4 @@ for study in [name for name in STUDIES if STUDIES[name].runs_models]:
         message:
             f"study {study} of {{wildcards.experiment}}"
         shell:
-            command(STUDIES[study].key(), "input.models params.data output", name="{params.stage}")
+            command(STUDIES["validity"].key(), "input.models params.data output", name="{params.stage}")
