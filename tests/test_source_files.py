@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import json
 import subprocess
 from pathlib import Path
@@ -93,6 +95,55 @@ def test_what_a_named_module_imports_is_followed(tmp_path, monkeypatch):
     names = {path.name for path in new}
     assert {"mine.py", "constants.py", "hvae.py"} <= names
     assert "unused.py" not in names and not any("site-packages" in path.parts for path in new)
+
+
+def imports_of(tree, module, is_package):
+    """Modules that the import statements of a syntax tree name."""
+    package = module.split(".") if is_package else module.split(".")[:-1]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) + 1 - node.level] if node.level else []
+            source = ".".join([*above, *([node.module] if node.module else [])])
+            yield from [source, *(f"{source}.{alias.name}" for alias in node.names)]
+
+
+@pytest.mark.parametrize("package", [*source_files.PACKAGES, "_pytest", "email", "json", "yaml"])
+def test_imports_are_those_of_the_syntax_tree(package):
+    folder = Path(importlib.import_module(package).__file__).parent
+    assert len(list(folder.rglob("*.py"))) > 3
+    for path in folder.rglob("*.py"):
+        module = ".".join([package, *path.relative_to(folder).with_suffix("").parts])
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        found = source_files._list_imports(path, module)
+        assert sorted(found) == sorted(imports_of(tree, module, path.name == "__init__.py")), path
+
+
+IMPORTING = r"""
+import a, b.c as d  # import no
+if x: from e import (f,  # import no
+    g as h)
+'''
+import no
+'''; from . import i; import \
+    j
+def k():
+	from..l import m
+    return "import no" 'import no \' import no' f'''
+from no import no''' # '
+value = (yield
+    from n)
+from o import *
+"""
+
+
+def test_imports_are_found_wherever_they_stand(tmp_path):
+    path = tmp_path / "module.py"
+    path.write_text(IMPORTING)
+    found = source_files._list_imports(path, "expertaug.room.module")
+    expected = "a b.c e e.f e.g expertaug.room expertaug.room.i j expertaug.l expertaug.l.m o o.*"
+    assert list(found) == expected.split()
 
 
 def test_modules_that_do_not_exist_are_named():

@@ -6,8 +6,6 @@ experiment's ``choices`` override single rows; whatever is listed here is what t
 choice of a stage: the shipped experiments say it in their ``presets``, and :data:`SIMULATED` tells it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, get_args

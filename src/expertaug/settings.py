@@ -5,8 +5,6 @@ A stage's settings, the blocks of the configuration and the options of the packa
 mapping is said in one line for each mistake (:func:`read`, :func:`check`).  No numerical library is loaded here.
 """
 
-from __future__ import annotations
-
 import types
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -9,7 +9,8 @@ from __future__ import annotations
 import ast
 import hashlib
 import importlib.util
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
@@ -76,7 +77,7 @@ def digest(modules: Iterable[str]) -> str:
 
 def versions(modules: Iterable[str]) -> list[str]:
     """Installed versions of the numeric packages that these modules and all that they import use: ``numpy 2.4.6``."""
-    used = {name.partition(".")[0] for module, path in _all(modules) for name in _list_imports(path, module)}
+    used = frozenset().union(*(_list_numeric(path, module) for module, path in _all(modules)))
     return [_find_version(name) for name in NUMERIC if name in used]
 
 
@@ -106,19 +107,6 @@ def find(where: str, name: str) -> Path:
     if spec is None or not spec.origin:
         raise InputError(where, f"no module '{module}'", "name a module that Python finds: is its package installed?")
     return Path(spec.origin)
-
-
-def parse_file(path: Path) -> ast.Module:
-    """The syntax tree of a Python file.
-
-    Raises:
-        InputError: it is no Python.
-    """
-    try:
-        return ast.parse(path.read_text(encoding="utf-8"))
-    except (SyntaxError, ValueError) as error:
-        line = f":{error.lineno}" if getattr(error, "lineno", None) else ""
-        raise InputError(f"{path}{line}", f"no Python ({getattr(error, 'msg', error)})", "correct that file") from error
 
 
 def _all(modules: Iterable[str]) -> frozenset[tuple[str, Path]]:
@@ -171,25 +159,60 @@ def _path(module: str, root: Path = PACKAGE.parent) -> Path | None:
 
 @cache
 def _list_imports(path: Path, module: str) -> tuple[str, ...]:
-    """Modules that a file, which is ``module``, names in import statements."""
+    """Modules that a file, which is ``module``, names in import statements.
+
+    Raises:
+        InputError: it is no Python.
+    """
+    text = path.read_text(encoding="utf-8")
+    if module.split(".")[0] not in PACKAGES:
+        _check_syntax(path, text)
     names = []
     package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
-    for node in _statements(parse_file(path).body):
-        if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            above = package[: len(package) + 1 - node.level] if node.level else []
-            source = ".".join([*above, *([node.module] if node.module else [])])
-            names += [source, *(f"{source}.{alias.name}" for alias in node.names)]
+    for source, imported, modules in _IMPORT.findall(_TEXT.sub(_without_text, text)):
+        if modules:
+            names += _without_new_names(modules)
+            continue
+        named = source.replace(" ", "").lstrip(".")
+        level = len(source.replace(" ", "")) - len(named)
+        above = package[: len(package) + 1 - level] if level else []
+        whole = ".".join([*above, *([named] if named else [])])
+        names += [whole, *(f"{whole}.{name}" for name in _without_new_names(imported.strip("()")))]
     return tuple(names)
 
 
-def _statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
-    """Statements and those within them; expressions, most of a tree, hold no import."""
-    for node in body:
-        yield node
-        for block in ("body", "orelse", "finalbody", "handlers", "cases"):
-            yield from _statements(getattr(node, block, ()))
+@cache
+def _list_numeric(path: Path, module: str) -> frozenset[str]:
+    return frozenset(name.partition(".")[0] for name in _list_imports(path, module)) & NUMERIC.keys()
+
+
+# Import statements are found by their text: syntax trees of the whole package cost a dry run a second.  Where no string
+# and no comment is left, only such a statement has these words at its beginning.
+_TEXT = re.compile(
+    r'''"""(?:\\.|[^\\])*?"""|\'{3}(?:\\.|[^\\])*?\'{3}|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'|\#[^\n]*|\\\n''',
+    re.DOTALL,
+)
+_IMPORT = re.compile(
+    r"(?:^|[:;])[ \t]*(?:from\b[ \t]*([.\w \t]+?)[ \t]*\bimport\b[ \t]*(\([^)]*\)|[^\n;(]+)|import[ \t]+([^\n;]+))",
+    re.MULTILINE,
+)
+
+
+def _without_text(found: re.Match[str]) -> str:
+    return " " if found[0].startswith("\\") else "" if found[0].startswith("#") else "''"
+
+
+def _without_new_names(listed: str) -> list[str]:
+    """``a`` and ``b`` of ``a as x, b``."""
+    return [name.split()[0] for name in listed.split(",") if name.strip()]
+
+
+def _check_syntax(path: Path, text: str) -> None:
+    try:
+        ast.parse(text)
+    except (SyntaxError, ValueError) as error:
+        line = f":{error.lineno}" if getattr(error, "lineno", None) else ""
+        raise InputError(f"{path}{line}", f"no Python ({getattr(error, 'msg', error)})", "correct that file") from error
 
 
 @cache

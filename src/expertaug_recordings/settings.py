@@ -4,8 +4,6 @@
 numerical library is loaded here.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -438,7 +436,7 @@ class ChunkKeys(Cutting):
         self.check_horizons(1 / (self.rate_hz or NOMINAL_HZ))
         return self
 
-    def at(self, analysis_rate_hz: float, where: str) -> SplitChunksJob:
+    def at(self, analysis_rate_hz: float, where: str) -> "SplitChunksJob":
         """With a rate: chunks keep their duration, but for the points that calibrating needs.
 
         Arguments:

@@ -4,8 +4,6 @@ What a class of the package takes (a system, an encoder, an interaction model, a
 (``settings.py`` of its package); :mod:`expertaug.config.options` checks it, also for classes from elsewhere.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator
@@ -366,7 +364,7 @@ class Experiment(Settings):
     choices: Choices = key(
         Choices, "rows of the preset's table (expertaug/presets.py) in which this experiment differs"
     )
-    presets: Presets = key(LEFT_OUT, "keys that this experiment overrides under a preset")
+    presets: "Presets" = key(LEFT_OUT, "keys that this experiment overrides under a preset")
     overrides: dict[str, Override] = key(dict, "keys that differ for one method of this experiment")
     system: Annotated[dict[str, Any], AfterValidator(_named)] = key(
         ..., "name (a module of expertaug.systems, or a dotted path) and the arguments of its class"

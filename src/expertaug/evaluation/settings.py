@@ -1,8 +1,6 @@
 """Typed settings of the stages that score models and that make tables and figures of scores; torch is not loaded
 here."""
 
-from __future__ import annotations
-
 import re
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -74,12 +72,12 @@ class Scoring(ForecastScoring):
     )
 
     @classmethod
-    def of_forecasts(cls, forecasts: ForecastScoring) -> Scoring:
+    def of_forecasts(cls, forecasts: ForecastScoring) -> "Scoring":
         """The same without any draws."""
         return cls(**{name: getattr(forecasts, name) for name in forecasts.model_fields_set}, draws=0)
 
     @property
-    def without_draws(self) -> Scoring:
+    def without_draws(self) -> "Scoring":
         return self.model_copy(update={"draws": 0})
 
 

@@ -1,7 +1,5 @@
 """Settings of inference; torch is not loaded here."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator

@@ -1,7 +1,5 @@
 """Settings of trainings and of the jobs of learning, options and kinds of the objectives; torch is not loaded here."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self

@@ -1,7 +1,5 @@
 """Settings of measurements of your own: files, their columns, the grid of times, chunks and sets (data.files)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self

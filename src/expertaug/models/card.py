@@ -1,7 +1,5 @@
 """What a model file says of its model, in the header: how it is made again, of what data, and how it was trained."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Self
@@ -69,7 +67,7 @@ class MisfitRecord(Settings):
     expected: list[list[float]] = key(LEFT_OUT, "by each seed, (S, M)")
     between: list[float] = key(LEFT_OUT, "variance of the forecasts between the seeds, (M,)")
 
-    def of_seeds(self, places: Sequence[int]) -> MisfitRecord:
+    def of_seeds(self, places: Sequence[int]) -> "MisfitRecord":
         """Of some of the seeds by their places, whose variance is another one than that of all."""
         every = {"validation": self.validation, "expected": self.expected}
         chosen: dict[str, Any] = {name: [of[k] for k in places] for name, of in every.items() if of is not None}
@@ -152,7 +150,7 @@ class ModelCard(RecipeRecord):
     flow: dict[str, Any] = key(LEFT_OUT, "how it learned, and is used")
     prior: dict[str, Range] = key(LEFT_OUT, "p⁺ of its draws")
     noise: float | list[float] = key(LEFT_OUT, "standard deviation of the noise of its draws")
-    base: ModelCard = key(LEFT_OUT, "of the model whose draws it learned from")
+    base: "ModelCard" = key(LEFT_OUT, "of the model whose draws it learned from")
 
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
@@ -167,12 +165,12 @@ class ModelCard(RecipeRecord):
         """Whether windows may have values that were not measured."""
         return self.start is not None
 
-    def but(self, **changes: Any) -> ModelCard:
+    def but(self, **changes: Any) -> "ModelCard":
         """The same card with some keys otherwise; None takes one away."""
         kept = {name: getattr(self, name) for name in self.model_fields_set} | changes
         return ModelCard.of(**{name: value for name, value in kept.items() if value is not None})
 
-    def of_seeds(self, places: Sequence[int]) -> ModelCard:
+    def of_seeds(self, places: Sequence[int]) -> "ModelCard":
         """What the card says of the group's seeds at some places, from 0: one value a seed becomes theirs."""
         chosen: dict[str, Any] = {}
         for name in ("seeds", "best_score", "best_epoch", "best_step", "restarts"):

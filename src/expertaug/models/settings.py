@@ -3,8 +3,6 @@
 No torch is loaded.
 """
 
-from __future__ import annotations
-
 import inspect
 import math
 import statistics
@@ -468,7 +466,7 @@ class RefinementSettings(Settings):
         return [name for name, unit in (self.units or {}).items() if unit == "trajectory"]
 
     @property
-    def alone(self) -> RefinementSettings:
+    def alone(self) -> "RefinementSettings":
         """The same where each window is fitted by itself, as if its sensors showed the state."""
         return self.model_copy(update={"units": {}, "sensors": {}, "population": {}})
 
@@ -497,7 +495,7 @@ class Constant(Settings):
     groups: Count = key(1, "number of groups of windows that this is from and that count as independent")
 
     @classmethod
-    def of_seeds(cls, each: Sequence[Constant]) -> Constant:
+    def of_seeds(cls, each: Sequence["Constant"]) -> "Constant":
         """Of the same constant with the F_a of each seed; its error is the root of the mean square of theirs."""
         values = [constant.value for constant in each]
         std = math.sqrt(sum(constant.std**2 for constant in each) / len(each))
@@ -514,7 +512,7 @@ class Constant(Settings):
         """What fits of windows hold it at: one value, or one of each seed."""
         return self.seeds or self.value
 
-    def at(self, places: Sequence[int]) -> Constant:
+    def at(self, places: Sequence[int]) -> "Constant":
         """Of some of the seeds, by their places."""
         if not self.seeds:
             return self
@@ -529,7 +527,7 @@ class SensorConstants(Settings):
     offset: Constant = key(LEFT_OUT, "what is measured where the state is 0, in the component's unit; left out = 0")
 
     @classmethod
-    def of_seeds(cls, each: Sequence[SensorConstants]) -> SensorConstants:
+    def of_seeds(cls, each: Sequence["SensorConstants"]) -> "SensorConstants":
         """Of the same sensor with the F_a of each seed."""
         return cls.of(**{name: Constant.of_seeds([getattr(sensor, name) for sensor in each]) for name in each[0].known})
 
@@ -538,7 +536,7 @@ class SensorConstants(Settings):
         """Names of what was estimated."""
         return [name for name in ("scale", "offset") if getattr(self, name) is not None]
 
-    def at(self, places: Sequence[int]) -> SensorConstants:
+    def at(self, places: Sequence[int]) -> "SensorConstants":
         """Of some of the seeds, by their places."""
         return type(self).of(**{name: getattr(self, name).at(places) for name in self.known})
 
@@ -552,12 +550,12 @@ class Population(Settings):
     unit: Literal["window", "trajectory"] = key(..., "whose values it is of")
 
     @classmethod
-    def of_seeds(cls, each: Sequence[Population]) -> Population:
+    def of_seeds(cls, each: Sequence["Population"]) -> "Population":
         """Of the same parameter with the F_a of each seed."""
         middle, spread = (Constant.of_seeds([getattr(own, name) for own in each]) for name in ("middle", "spread"))
         return cls(form=each[0].form, unit=each[0].unit, middle=middle, spread=spread)
 
-    def at(self, places: Sequence[int]) -> Population:
+    def at(self, places: Sequence[int]) -> "Population":
         """Of some of the seeds, by their places."""
         return self.model_copy(update={"middle": self.middle.at(places), "spread": self.spread.at(places)})
 
@@ -584,7 +582,7 @@ class Refinement(Settings):
         "which intervals take into account: their correlation time in points times χ² per degree of freedom",
     )
 
-    def of_seeds(self, places: Sequence[int]) -> Refinement:
+    def of_seeds(self, places: Sequence[int]) -> "Refinement":
         """The same for some of the seeds, by their places."""
         estimated = {name: blocks for name in ("shared", "sensors", "population") if (blocks := getattr(self, name))}
         chosen: dict[str, object] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import cache
 from os.path import dirname
 from pathlib import Path
 
@@ -42,9 +43,10 @@ def stages_read(config: Configuration) -> list[tuple[str, str]]:
     return sorted((source, stage) for stage in run for source in STAGES[stage].reads if source in run)
 
 
-def studies(files: Files, experiment: str) -> list[str]:
+@cache
+def studies(files: Files, experiment: str) -> tuple[str, ...]:
     """Names of the studies that an experiment has."""
-    return [name for name, stage in STUDIES.items() if stage.inputs(files, experiment, name)]
+    return tuple(name for name, stage in STUDIES.items() if stage.inputs(files, experiment, name))
 
 
 def study_files(files: Files, experiment: str, names: Iterable[str]) -> list[str]:

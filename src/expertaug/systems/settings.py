@@ -1,7 +1,5 @@
 """Settings of the solver and arguments of the package's own systems; torch is not loaded here."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union
@@ -32,7 +30,7 @@ FIXED = ("euler", "midpoint", "rk4", "rodas3", *SPLITTING)
 
 # Systems with an energy that their expert conserves, and the number of components that it is of.
 CONSERVING = {"pendulum": 2, "double_pendulum": 4}
-SYSTEMS: dict[str, type[SystemSettings]] = {}  # the package's own, by name
+SYSTEMS: dict[str, type["SystemSettings"]] = {}  # the package's own, by name
 
 
 class SolverSettings(Settings):
