@@ -5,8 +5,10 @@ folder of what they are about.  All of them are on Python's path, so that tests 
 ``plain_parts:Class``.
 """
 
+import functools
 import gc
 import os
+import pickle
 import sys
 from collections.abc import Generator
 from pathlib import Path
@@ -64,3 +66,29 @@ def quick_stores(empty_database, monkeypatch):
             empty.backup(new)
 
     monkeypatch.setattr("mlflow.store.db.utils._initialize_tables", copy)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _each_yaml_text_is_parsed_once():
+    """The same configurations are read hundreds of times; what is made of their nodes is made each time."""
+    import yaml
+
+    from expertaug.config import yaml_file
+
+    @functools.cache
+    def kept(text: str, loader: type) -> bytes:
+        return pickle.dumps(yaml.compose(text, Loader=loader))
+
+    class Composing:
+        """The library as that module sees it."""
+
+        @staticmethod
+        def compose(text: str, Loader: type) -> object:
+            return pickle.loads(kept(text, Loader))  # reading a tree changes it
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(yaml, name)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(yaml_file, "yaml", Composing())
+        yield

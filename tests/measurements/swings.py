@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import math
 from pathlib import Path
 
 import numpy as np
@@ -24,18 +26,23 @@ GIVEN = {
 
 def swing(theta0: float, omega0: float = 2.0, alpha: float = 0.1, points: int = 200, step: float = STEP) -> np.ndarray:
     """θ and θ' (points, 2) by Runge and Kutta's steps of a tenth of ``step``."""
+    return _swing(theta0, omega0, alpha, points, step).copy()
 
-    def rate(y: np.ndarray) -> np.ndarray:
-        return np.array([y[1], -(omega0**2) * np.sin(y[0]) - alpha * y[1]])
 
-    y, h, found = np.array([theta0, 0.0]), step / 10, []
+@functools.cache
+def _swing(theta0: float, omega0: float, alpha: float, points: int, step: float) -> np.ndarray:
+    def pull(theta: float, omega: float) -> float:
+        return -(omega0**2) * math.sin(theta) - alpha * omega
+
+    q, v, h, found = float(theta0), 0.0, step / 10, []
     for _ in range(points):
-        found.append(y)
+        found.append((q, v))
         for _ in range(10):
-            a = rate(y)
-            b = rate(y + h / 2 * a)
-            c = rate(y + h / 2 * b)
-            y = y + h / 6 * (a + 2 * b + 2 * c + rate(y + h * c))
+            a, va = pull(q, v), v
+            b, vb = pull(q + h / 2 * va, v + h / 2 * a), v + h / 2 * a
+            c, vc = pull(q + h / 2 * vb, v + h / 2 * b), v + h / 2 * b
+            d, vd = pull(q + h * vc, v + h * c), v + h * c
+            q, v = q + h / 6 * (va + 2 * vb + 2 * vc + vd), v + h / 6 * (a + 2 * b + 2 * c + d)
     return np.array(found)
 
 
