@@ -48,6 +48,7 @@ LONGEST = 600  # lines of a module: beyond it, look whether it is one concept
 NAMED = re.compile(r"expertaug(?:_recordings)?(?:\.\w+)+(?::\w+)?")
 
 
+@cache
 def modules() -> dict[str, Path]:
     """Path of each module of both packages by its dotted name."""
     found = {}
@@ -61,10 +62,10 @@ def modules() -> dict[str, Path]:
 def imported(name: str) -> frozenset[str]:
     """Modules of the packages that a module imports, also inside functions, or names in a text (docstrings aside)."""
     known, path = modules(), modules()[name]
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    texts = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)}
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    texts = {id(n.value) for n in nodes if isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)}
     found: set[str] = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):

@@ -24,12 +24,16 @@ def merge(base: Raw, over: Raw) -> Located:
 
     A mapping that names another ``kind`` is replaced too: the arguments of one class are none of another's.
     """
-    merged = _copy(base)
+    return _merge_into(_copy(base), over)
+
+
+def _merge_into(merged: Located, over: Raw) -> Located:
+    """Override a mapping that is nobody else's."""
     origins = getattr(over, "origin", {})
     for key, value in over.items():
         old = merged.get(key)
-        if isinstance(old, Mapping) and isinstance(value, Mapping) and _of_one_kind(old, value):
-            merged[key] = merge(old, value)
+        if isinstance(old, Located) and isinstance(value, Mapping) and _of_one_kind(old, value):
+            _merge_into(old, value)
         else:
             merged[key] = _copy(value)
         if value is None and old is not None:
@@ -96,9 +100,9 @@ def mark(value: Any, by: str) -> Any:
     """The same with ``by`` added to where each value was said."""
     if not isinstance(value, Mapping):
         return value
-    copy = _copy(value)
-    copy.origin = {k: f"{where}, {by}" for k, where in copy.origin.items()}
-    copy.update({k: mark(v, by) for k, v in value.items()})
+    origins = {k: f"{where}, {by}" for k, where in getattr(value, "origin", {}).items()}
+    copy = Located({k: mark(v, by) for k, v in value.items()}, origins)
+    copy.removed = getattr(value, "removed", copy.removed)
     return copy
 
 
