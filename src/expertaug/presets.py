@@ -132,6 +132,13 @@ class Choices(Settings):
         code="raw",
         corrected="standardised",
     )
+    z_a_supervision: Literal["weighted", "off"] = _row(
+        "whether z_a of augmented samples, which is known since it was drawn, is supervised as z_e is: weighted = by "
+        "finetuning.z_a_supervision_weight, where an experiment gives one; off = never, as in paper and release",
+        paper="off",
+        code="off",
+        corrected="weighted",
+    )
     forecast_start: Literal["y0", "y_t1"] = _row(
         "the state from which the forecast is integrated: y0, or y_t1 (the last observed point)",
         paper="y0",

@@ -41,6 +41,24 @@ def test_supervision_of_z_a_holds_the_encoder_to_it(trained, data, tmp_path, set
         finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", tuned, None)
 
 
+@pytest.mark.parametrize("choice", ["weighted", "off"])
+def test_z_a_is_supervised_where_the_choice_says_so(trained, data, tmp_path, settings, choice):
+    augmented(trained, data, tmp_path, settings)
+    training = but(settings.training, epochs=1)
+    tuned = {}
+    for weight in (0.0, 100.0):
+        chosen = but(settings.choices, z_a_supervision=choice)
+        job = of_kind(
+            FinetuneJob, settings, **PLUS, training=but(training, z_a_supervision_weight=weight), choices=chosen
+        )
+        finetune(trained, tmp_path / "plus.st", data, tmp_path / "p.st", tmp_path / "work", job, None)
+        tuned[weight] = store.load(tmp_path / "p.st")
+    encoders = [model.model.encoder.state_dict() for model in tuned.values()]
+    same = all(torch.equal(value, encoders[1][name]) for name, value in encoders[0].items())
+    assert same == (choice == "off")
+    assert tuned[100.0].card.training.z_a_supervision_weight == (100.0 if choice == "weighted" else 0.0)
+
+
 @pytest.mark.parametrize(
     ("over", "says"),
     [

@@ -163,6 +163,8 @@ def inherit_options(stored: store.StoredModel, plus: Augmented | None, options: 
     inherited = {k: value for k, value in inherited.items() if value is not None}
     objective = {**(base.training.objective or {}), **(base.carried or {}), **(options.training.objective or {})}
     training = TrainSettings.of(**inherited | options.training.to_json() | {"objective": objective})
+    if options.choices.z_a_supervision == "off":
+        training = training.model_copy(update={"z_a_supervision_weight": 0.0})
     prior = options.prior if plus is None else {name: tuple(ends) for name, ends in plus.drawing.prior.items()}
     return options.model_copy(update={"training": training, "prior": prior, "seeds": stored.seeds})
 

@@ -375,7 +375,7 @@ class FinetuneOptions(LabelledJob):
 
     WHERE: ClassVar[str] = ""
 
-    OBEYS = (*OBEYED_IN_TRAINING, "frozen", "resample", "augmented_selection")
+    OBEYS = (*OBEYED_IN_TRAINING, "frozen", "resample", "augmented_selection", "z_a_supervision")
 
     training: TrainSettings = key(..., "how it is fine-tuned")
     prior: Prior = key(LEFT_OUT, "p⁺, of a control alone; own = --prior has it")
