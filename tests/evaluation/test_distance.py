@@ -20,7 +20,7 @@ def test_curves_by_distance(files, tmp_path):
     assert of_a["windows"].sum() == 2 * N
     assert of_a["alarms"].iloc[0] < 10 and of_a["alarms"].iloc[-1] > 90
     assert of_a["log_mse"].iloc[-1] > of_a["log_mse"].iloc[0] + 3 and of_a["skill"].isna().all()
-    distance(files, outputs, curves(floor="a+~flow", mean="a"))
+    distance(files, outputs[:1], curves(floor="a+~flow", mean="a"))
     table = pd.read_csv(outputs[0])
     assert np.allclose(table.query("method == 'a'")["skill"], 0)
     assert np.allclose(table.query("method == 'a+~flow'")["skill"], 1)
@@ -81,7 +81,7 @@ def test_curves_by_the_distance_of_z_a_too(tmp_path):
         extra |= {f"{name}_z_a": alpha, f"{name}_z_e": z_e, f"{name}_errors": np.stack([errors] * 2)}
         extra |= {f"{name}_misfit": np.full((2, N), 1e-4), f"{name}_z_e_hat": np.stack([1.01 * z_e] * 2)}
     file = fake(tmp_path / "x.npz", "a", [0, 1], width=None, spoiled=extra)
-    outputs = [tmp_path / f"distance.{end}" for end in ("csv", "md", "tex", "png")]
+    outputs = [tmp_path / f"distance.{end}" for end in ("csv", "md")]
     distance([file], outputs, curves(interaction_range={"alpha": (0.0, 0.3)}))
     table = pd.read_csv(outputs[0])
     curve = table.query("of == 'z_a'")

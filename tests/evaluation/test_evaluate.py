@@ -28,10 +28,12 @@ from expertaug.trajectories import SetFolder, Trajectories
 from nightly import others_slow
 from seen import seen
 
+ALONE = ["test"]  # where the other sets would say the same
 
-def run(folder, model="model", start="y0", samples=2, **evaluation):
+
+def run(folder, model="model", start="y0", samples=2, sets=None, **evaluation):
     outputs = [folder / f"{model}.csv", folder / f"{model}.npz"]
-    job = asked(model, model, Scoring(samples=samples, **evaluation), start)
+    job = asked(model, model, Scoring(samples=samples, **evaluation), start, **({"sets": sets} if sets else {}))
     evaluate(folder / f"{model}.safetensors", folder, *outputs, job)
     table = pd.read_csv(outputs[0])
     return table.set_index(["seed", "set", "metric"])["value"], Forecasts.load(outputs[1])
@@ -114,9 +116,9 @@ def test_forecasts_carry_where_their_samples_come_from(folder, tmp_path):
 
 
 def test_parts_of_a_set_give_the_metrics_of_the_whole(folder, monkeypatch):
-    whole, kept = run(folder, samples=3)
+    whole, kept = run(folder, samples=3, sets=ALONE)
     monkeypatch.setattr("expertaug.evaluation.score.CHUNK_BYTES", 5 * 21 * 2 * 4 * 2)  # five samples of two seeds
-    parts, again = run(folder, samples=3)
+    parts, again = run(folder, samples=3, sets=ALONE)
     whole, parts = (one[one.index.get_level_values("metric") != "estimate_ms"] for one in (whole, parts))
     np.testing.assert_allclose(parts, whole, rtol=1e-3)
     np.testing.assert_allclose(again.kept["test"].prediction, kept.kept["test"].prediction, atol=2e-3)
@@ -172,8 +174,8 @@ def test_errors_of_every_sample_are_kept_and_give_the_metrics(folder):
 
 
 def test_the_metric_can_see_the_whole_trajectory(folder):
-    late, _ = run(folder)
-    whole, _ = run(folder, from_s=0.0)
+    late, _ = run(folder, sets=ALONE)
+    whole, _ = run(folder, from_s=0.0, sets=ALONE)
     assert whole[4, "test", "log_mse_sum"] < late[4, "test", "log_mse_sum"], "the first point is known"
 
 
@@ -192,7 +194,7 @@ def test_longer_sets_are_forecast_from_the_same_windows(folder):
     """Samples of them are those of other sets, so that errors of single ones are kept of these alone."""
     tiny.simulated(folder, DATA.model_copy(update={"t2_s": 4.0, "sets": {"long": tiny.swings(12)}}))
     outputs = folder / "long.csv", folder / "long_forecasts.npz"
-    job = asked(sets=["train", "validation", "test", "long"])
+    job = asked(sets=["test", "long"])
     evaluate(folder / "model.safetensors", folder, *outputs, job)
     values = pd.read_csv(outputs[0]).set_index(["seed", "set", "metric"])["value"]
     stored, truth = store.load(folder / "model.safetensors"), Trajectories.load(folder / "long.npz")
@@ -219,14 +221,14 @@ def test_a_longer_forecast_may_go_as_far_as_it_is_long(folder, monkeypatch):
 
 
 def test_a_forecast_from_the_last_observed_point_shows_the_observation(folder):
-    _, forecasts = run(folder, start="y_t1")
+    _, forecasts = run(folder, start="y_t1", sets=ALONE)
     np.testing.assert_allclose(
         forecasts.kept["test"].prediction[0, :, :11], forecasts.kept["test"].truth[:, :11], atol=1e-6
     )
 
 
 def test_the_mean_has_no_parameters(folder):
-    values, forecasts = run(folder, "mean")
+    values, forecasts = run(folder, "mean", sets=ALONE)
     assert not [metric for *_, metric in values.index if "error" in metric]
     assert forecasts.estimates == {}
     assert np.ptp(forecasts.kept["test"].prediction, axis=1).max() == 0
@@ -234,7 +236,7 @@ def test_the_mean_has_no_parameters(folder):
 
 def test_the_same_evaluation_gives_the_same_bytes(folder):
     def made() -> tuple[list[str], bytes]:
-        run(folder)
+        run(folder, sets=ALONE)
         lines = (folder / "model.csv").read_text().splitlines()
         return [line for line in lines if "estimate_ms" not in line], (folder / "model.npz").read_bytes()
 
@@ -277,8 +279,8 @@ def test_forecasts_that_are_not_finite_count_at_the_bound(folder):
         model.interaction.rest.layers[-1].bias.data[1] = 3e38  # its forecasts overflow
 
     save_as(folder, "broken", break_second_seed)
-    values, forecasts = run(folder, "broken", solver=SolverSettings(method="rk4"))
-    good, _ = run(folder, solver=SolverSettings(method="rk4"))
+    values, forecasts = run(folder, "broken", sets=ALONE, solver=SolverSettings(method="rk4"))
+    good, _ = run(folder, sets=ALONE, solver=SolverSettings(method="rk4"))
     assert values[4, "test", "runaway_share"] == 0 and values[7, "test", "runaway_share"] == 1
     assert values[4, "test", "log_mse_sum"] == good[4, "test", "log_mse_sum"]
     assert np.isfinite(values).all() and np.isfinite(forecasts.kept["test"].prediction).all()
@@ -289,7 +291,7 @@ def test_forecasts_that_are_not_finite_count_at_the_bound(folder):
 
 def test_a_solver_that_gives_up_on_one_sample_costs_that_sample_alone(folder, monkeypatch):
     """The adaptive solver refuses every batch with the test set's sixth sample."""
-    whole, _ = run(folder)
+    whole, _ = run(folder, sets=ALONE)
     refused, solve = np.load(folder / "test.npz")["y"][5, 0], Solver.__call__
 
     def refusing(self, f, y0, t, flow=None, rank=1, **options):
@@ -298,7 +300,7 @@ def test_a_solver_that_gives_up_on_one_sample_costs_that_sample_alone(folder, mo
         return solve(self, f, y0, t, flow, rank, **options)
 
     monkeypatch.setattr(Solver, "__call__", refusing)
-    values, forecasts = run(folder, samples=12)
+    values, forecasts = run(folder, samples=12, sets=ALONE)
     assert values[4, "test", "runaway_share"] == pytest.approx(1 / 12)
     assert values[4, "test", "log_mse_sum"] == pytest.approx(whole[4, "test", "log_mse_sum"], abs=0.05)
     assert np.isfinite(forecasts.kept["test"].prediction).all()
@@ -336,7 +338,7 @@ def test_a_seed_that_could_not_be_trained_has_no_values(folder):
 
 
 def test_the_median_of_the_seeds_forecasts_is_scored(folder):
-    _, forecasts = run(folder, samples=12)
+    _, forecasts = run(folder, samples=12, sets=ALONE)
     kept, observed = forecasts.kept["test"], forecasts.observed + 1
     middle = np.median(kept.prediction, axis=0)[:, observed:]
     error = ((middle - kept.truth[:, observed:]) ** 2).sum(2).mean(1)

@@ -22,7 +22,7 @@ SHIFTS = StudyOptions(
     distances=["none", "small"],
     panels=[("z_a shifted", ["validation", "near"]), ("z_a and z_e shifted", ["test", "both"])],
 )
-ENDS = ("csv", "md", "tex", "png", "pdf")
+ENDS = ("csv", "md", "tex", "png")
 
 
 def write(path, variants, sets, further=({},)):
@@ -53,7 +53,8 @@ def test_shifts(tmp_path, drawn):
     path = write(tmp_path / "m.csv", labels, ("train", "validation", "test", "near", "both"))
     near = SimulatedSet(z_a={"alpha": (0.3, 0.6)})
     job = asked("out_of_expertise", labels, options=SHIFTS, sets={"near": near}, units={"alpha": "1/s"})
-    study([path], outputs(tmp_path), job)
+    study([path], [*outputs(tmp_path), tmp_path / "study.pdf"], job)
+    assert (tmp_path / "study.pdf").read_bytes().startswith(b"%PDF")
     text = (tmp_path / "study.md").read_text()
     row = "| log-MSE | z_a shifted | small | alpha ∈ [0.3, 0.6] | 0.80 ± 0.71 | 1.80 ± 0.71 |"
     assert row in text and "Preset: paper" in text and "over 2 seeds" in text
