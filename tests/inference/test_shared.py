@@ -165,7 +165,7 @@ def test_what_cannot_be_fitted_together_is_refused():
 @pytest.mark.parametrize(("substeps", "coarse"), [(1, True), (8, False)])
 def test_steps_that_are_too_coarse_for_the_noise_are_told(caplog, substeps, coarse):
     data = swings(12)
-    part = replace(data, t=data.t[::8], y=data.y[:, ::8])  # .8 s of a period of 3.7 s
+    part = replace(data, t=data.t[::4], y=data.y[:, ::4])  # .8 s of a period of 3.7 s
     solver = {"method": "rk4", "substeps": substeps}
     model = ea.least_squares(Rubbed(), part, observed_s=4.8, prior=PRIOR, noise=NOISE, solver=solver)
     for _ in range(2):
@@ -176,7 +176,7 @@ def test_steps_that_are_too_coarse_for_the_noise_are_told(caplog, substeps, coar
 
 def test_coarse_steps_are_told_once_and_not_of_each_trajectory(caplog):
     data = swings(6)
-    part = replace(data, t=data.t[::8], y=data.y[:, ::8], id=np.array([f"p{k}/0" for k in range(6)]))
+    part = replace(data, t=data.t[::4], y=data.y[:, ::4], id=np.array([f"p{k}/0" for k in range(6)]))
     how = {"observed_s": 4.8, "prior": PRIOR, "noise": NOISE, "units": {"omega0": "trajectory"}}
     model = ea.least_squares(Rubbed(), part, **how)
     caplog.clear()
