@@ -62,7 +62,7 @@ def configured(kind):
     over = {"methods": ["mean", "persistence"], "augmented": [], "controls": [], "refined": [], "flows": []}
     experiment = {**given["experiments"]["pendulum"], **over, "augmentations": {}, "studies": {}}
     sets = {name: {**values, "size": 30} for name, values in experiment["data"]["sets"].items()}
-    experiment["data"] = {**experiment["data"], "sets": sets}
+    experiment["data"] = {**experiment["data"], "sets": sets, "t2_s": 6.0}
     methods = {**given["methods"], "persistence": method}
     return {**given, "run": ["pendulum"], "methods": methods, "experiments": {"pendulum": experiment}}
 

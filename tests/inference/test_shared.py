@@ -59,8 +59,9 @@ def test_forecasts_of_one_pendulum_gain_from_all_of_its_windows():
 
 def test_what_is_not_shared_stays_each_windows_own():
     alpha = np.linspace(0.05, 0.4, 20)
-    model = fitted(swings(20, alpha=alpha, noise=0.002), units={"omega0": "shared"})
-    found = model.forecast(swings(20, alpha=alpha, noise=0.002).seen[:, : model.observed], T)
+    data = swings(20, alpha=alpha, noise=0.0005)
+    model = fitted(data, units={"omega0": "shared"})
+    found = model.forecast(data.seen[:, : model.observed], T)
     assert np.corrcoef(found.z_e["alpha"], alpha)[0, 1] > 0.99
     assert found.z_e_std["omega0"] == pytest.approx(model.stored.card.refinement.shared["omega0"].std, rel=1e-3)
 
