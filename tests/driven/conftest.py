@@ -4,7 +4,7 @@ import pytest
 from driven_sets import ENCODER, INTERACTION, OPTIONS, WIDER, simulated
 
 import expertaug as ea
-from quick_simulations import quick_simulations, quickly  # noqa: F401
+from quick_simulations import quickly
 
 
 @pytest.fixture(scope="session")
