@@ -157,9 +157,9 @@ def _digits(one):
 
 @pytest.mark.slow
 def test_the_resistance_of_a_circuit_is_a_constant_once_the_inductance_is_known():
-    ranges = {"L": (1.0, 3.0), "C": (0.5, 1.5)}, {"R": (2.0, 2.0)}
+    ranges, t = ({"L": (1.0, 3.0), "C": (0.5, 1.5)}, {"R": (2.0, 2.0)}), np.arange(41) * 0.1
     train, validation = (
-        ea.simulate(ea.RLC(), *ranges, n=16, t=T, noise=0.01, seed=1, name=name) for name in ("train", "validation")
+        ea.simulate(ea.RLC(), *ranges, n=16, t=t, noise=0.01, seed=1, name=name) for name in ("train", "validation")
     )
     prior = {"L": (0.5, 5.0), "C": (0.3, 2.5)}
     model = ea.least_squares(ea.RLC(), train, observed_s=SEEN, prior=prior, noise=0.01)
