@@ -46,7 +46,7 @@ class Rubbed(Free):
 
 
 EXPERTS = {"free": Free(), "linear": Linear(), "rubbed": Rubbed()}
-HOW = {"starts": 12, "tries": 3}
+HOW = {"starts": 12, "tries": 2}
 
 
 def swings(alpha, n=12, seed=0, noise=0.02):

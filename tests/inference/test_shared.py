@@ -147,8 +147,8 @@ def test_windows_of_one_apparatus_are_fitted_together():
         cut = replace(data, y=data.y[:, : each.observed], t=T[: each.observed])
         one = each.together(cut, units={"omega0": "shared"})
         found[count] = one.refinement.shared["omega0"]
-        later = replace(data, y=np.where(T[:, None] <= END, data.y, 9.0).astype(np.float32))
-        assert each.together(later, units={"omega0": "shared"}).refinement.shared == one.refinement.shared
+    later = replace(data, y=np.where(T[:, None] <= END, data.y, 9.0).astype(np.float32))
+    assert each.together(later, units={"omega0": "shared"}).refinement.shared == one.refinement.shared
     assert abs(found[16].value - 1.2) < 3 * found[16].std
     assert found[16].std < min(found[4].std, 0.5 * found[1].std)
     estimates = one.estimate(cut.y, cut.t)["omega0"]

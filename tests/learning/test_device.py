@@ -14,7 +14,7 @@ from expertaug.models.decoder import Decoder
 from nightly import others_slow
 from pretended_card import DEVICE, Card, OnCard, WrongDevice
 
-T, END = np.arange(6) * 0.1, 0.2
+T, END = np.arange(4) * 0.1, 0.2
 OPTIONS = {"epochs": 1, "batch_size": 2, "learning_rate": 1e-4}
 TWO_STEP = {"kind": "two_step", "latent_layers": [8], "filter_layers": [8], "expert_layers": [8]}
 FIELDS_TWO_STEP = {"kind": "conv_two_step", "latent": 1}
@@ -152,7 +152,7 @@ def test_what_follows_a_training(waits):
     model, sets, ranges = fitted("pendulum")
     refined = model.refined(noise=0.01, prior=ranges, starts=4, steps=2)
     for one in (model, refined):
-        assert one.forecast(sets[1].y[:, :3], sets[1].t).y.shape == (2, 2, 6, 2)
+        assert one.forecast(sets[1].y[:, :3], sets[1].t).y.shape == (2, 2, len(T), 2)
         assert one.evaluate(sets[1])["metric"].nunique() > 2
 
 
@@ -164,7 +164,7 @@ def test_a_flow(waits):
     assert on_card(flow)
     assert asked(waits) == {"learning/optimiser.py"}
     found = ea.predictive(flow, sets[1].y[:, :3], sets[1].t, draws=4).mean
-    assert found.shape == (2, 6, 2)
+    assert found.shape == (2, len(T), 2)
     there = ea.fit_posterior(fitted("pendulum", device="cpu")[0], *sets, prior=ranges, noise=0.01, **FLOW)
     assert np.array_equal(found, ea.predictive(there, sets[1].y[:, :3], sets[1].t, draws=4).mean)
 

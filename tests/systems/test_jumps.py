@@ -48,7 +48,7 @@ def test_a_solver_that_creeps_through_a_jump_is_stopped_by_one_line_that_names_e
 @pytest.mark.parametrize(
     ("law", "solver"),
     [
-        (torch.sign, Solver("rk4", substeps=20)),
+        (torch.sign, Solver("rk4", substeps=5)),
         (torch.tanh, Rubbed.simulation),
         (lambda v: (v > 2.7).to(v), Rubbed.simulation),  # a jump that is crossed now and then costs a few steps
     ],
