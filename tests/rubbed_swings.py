@@ -6,11 +6,11 @@ import numpy as np
 
 import expertaug as ea
 
-T = np.arange(41) * 0.1
+T = np.arange(21) * 0.2
 NOISE, SEEN = 0.02, 2.0
 
 
-def swings(name, n=12, seed=0, alpha=(0.1, 0.6)):
+def swings(name, n=16, seed=0, alpha=(0.1, 0.6)):
     ranges = {"omega0": (1.5, 3.1)}, {"alpha": alpha}
     return ea.simulate(ea.DampedPendulum(), *ranges, n=n, t=T, noise=NOISE, seed=seed, name=name)
 

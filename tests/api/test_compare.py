@@ -13,7 +13,7 @@ from expertaug.inference.diagnostics.goodness import Candidate, choose, goodness
 from expertaug.systems import Parameter, System
 from nightly import others_slow
 
-T = np.arange(41) * 0.1
+T = np.arange(31) * 0.1
 RANGES = {"free": {"omega0": (1.0, 3.5)}, "linear": {"omega0": (1.0, 3.5)}}
 RANGES["rubbed"] = {"omega0": (1.0, 3.5), "alpha": (0.01, 1.0)}
 
@@ -46,7 +46,7 @@ class Rubbed(Free):
 
 
 EXPERTS = {"free": Free(), "linear": Linear(), "rubbed": Rubbed()}
-HOW = {"starts": 12, "tries": 3}
+HOW = {"starts": 12, "tries": 2}
 
 
 def swings(alpha, n=12, seed=0, noise=0.02):
@@ -57,7 +57,7 @@ def swings(alpha, n=12, seed=0, noise=0.02):
 
 @pytest.mark.parametrize(("alpha", "right"), others_slow([(0.4, "rubbed"), (0.0, "free")]))
 def test_the_right_one_of_three_is_found(alpha, right):
-    found = compare(EXPERTS, swings(alpha), observed_s=4.0, noise=0.02, priors=RANGES, **HOW)
+    found = compare(EXPERTS, swings(alpha), observed_s=3.0, noise=0.02, priors=RANGES, **HOW)
     assert found.chosen == right
     assert right in found.says
     assert found.choice.goodness[right].explains
@@ -77,7 +77,7 @@ def test_all_may_be_wrong():
     data = swings(0.4)
     wrong = ("free", "linear")
     experts, priors = ({k: of[k] for k in wrong} for of in (EXPERTS, RANGES))
-    found = compare(experts, data, observed_s=4.0, noise=0.02, priors=priors)
+    found = compare(experts, data, observed_s=3.0, noise=0.02, priors=priors)
     assert not any(one.explains for one in found.choice.goodness.values())
 
 
@@ -93,7 +93,7 @@ def test_all_may_be_wrong():
     ],
 )
 def test_what_cannot_be_compared(change, says):
-    asked = {"experts": EXPERTS, "observed_s": 4.0, "noise": 0.02, "priors": RANGES} | change
+    asked = {"experts": EXPERTS, "observed_s": 3.0, "noise": 0.02, "priors": RANGES} | change
     with pytest.raises(InputError, match=says):
         compare(asked.pop("experts"), swings(0.1, n=2), **asked)
 
@@ -132,6 +132,6 @@ def test_what_was_not_measured_does_not_count():
     mask[:, 0] = True
     gaps = replace(data, y=np.where(mask, data.y, 0).astype(np.float32), mask=mask)
     ranges = {"theta": (-2.0, 2.0), "omega": (-6.0, 6.0)}
-    found = compare(EXPERTS, gaps, observed_s=4.0, noise=0.02, priors=RANGES, start=ranges, **HOW)
+    found = compare(EXPERTS, gaps, observed_s=3.0, noise=0.02, priors=RANGES, start=ranges, **HOW)
     assert found.chosen == "rubbed" and found.choice.goodness["rubbed"].explains
     assert 0.8 < found.choice.goodness["rubbed"].chi2 < 1.2

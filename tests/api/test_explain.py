@@ -1,6 +1,7 @@
 """From a learned term to an equation: known truths are found, and what is found can be used, written and read."""
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,20 +18,32 @@ from rubbed_swings import NOISE, SEEN, T, fitted, swings
 REAL = Path(__file__).parents[3] / "shared" / "measurements" / "real_pend_h_1.txt"
 
 
+@cache
+def explained(seed):
+    """Sets of swings with friction, the expert alone fitted to them, and the equation that is found."""
+    train, validation = swings("train", seed=seed), swings("validation", seed=seed)
+    expert = fitted(train)
+    return train, validation, expert, explain(expert, train, validation, by_hand=["omega: abs(omega)*omega"])
+
+
 @pytest.fixture(scope="module")
 def sets():
-    return swings("train"), swings("validation")
+    return explained(0)[:2]
 
 
 @pytest.fixture(scope="module")
-def found(sets):
-    return explain(fitted(sets[0]), *sets, by_hand=["omega: abs(omega)*omega"])
+def expert():
+    return explained(0)[2]
+
+
+@pytest.fixture(scope="module")
+def found():
+    return explained(0)[3]
 
 
 @pytest.mark.parametrize("seed", others_slow(range(10)))
 def test_friction_is_found_and_nothing_else(seed):
-    train, validation = swings("train", seed=seed), swings("validation", seed=seed)
-    found = explain(fitted(train), train, validation)
+    train, _, _, found = explained(seed)
     (one,) = found.coefficients
     assert str(one.term) == "omega: omega"
     assert not one.shared  # each window has its own
@@ -144,9 +157,9 @@ def _digits(one):
 
 @pytest.mark.slow
 def test_the_resistance_of_a_circuit_is_a_constant_once_the_inductance_is_known():
-    ranges = {"L": (1.0, 3.0), "C": (0.5, 1.5)}, {"R": (2.0, 2.0)}
+    ranges, t = ({"L": (1.0, 3.0), "C": (0.5, 1.5)}, {"R": (2.0, 2.0)}), np.arange(41) * 0.1
     train, validation = (
-        ea.simulate(ea.RLC(), *ranges, n=16, t=T, noise=0.01, seed=1, name=name) for name in ("train", "validation")
+        ea.simulate(ea.RLC(), *ranges, n=16, t=t, noise=0.01, seed=1, name=name) for name in ("train", "validation")
     )
     prior = {"L": (0.5, 5.0), "C": (0.3, 2.5)}
     model = ea.least_squares(ea.RLC(), train, observed_s=SEEN, prior=prior, noise=0.01)
@@ -156,11 +169,11 @@ def test_the_resistance_of_a_circuit_is_a_constant_once_the_inductance_is_known(
     assert one.value == pytest.approx(-2.0, abs=4 * one.error)
 
 
-def test_the_equation_is_a_model_like_any_other(sets, found, tmp_path):
-    train, validation = sets
+def test_the_equation_is_a_model_like_any_other(sets, expert, found, tmp_path):
+    _, validation = sets
     window, t = validation.seen[:, : found.model.observed], validation.t
     forecast = found.model.forecast(window, t)
-    scores = ea.evaluate({"expert": fitted(train), "equation": found.model}, validation)
+    scores = ea.evaluate({"expert": expert, "equation": found.model}, validation)
     of = scores.loc[scores["metric"] == "log_mse_sum"].set_index("label")["value"]
     assert of["equation"] < of["expert"] - 1
     assert of["equation"] == pytest.approx(found.table.loc["equation", "log-MSE"], abs=0.05)
@@ -234,9 +247,9 @@ def test_a_constant_that_drifts_is_no_law():
         ({"by_hand": ["omega: log(-1 - omega**2)"]}, "zero everywhere or not finite"),
     ],
 )
-def test_bad_input_is_told_in_a_line(sets, options, says):
+def test_bad_input_is_told_in_a_line(sets, expert, options, says):
     with pytest.raises(InputError, match=says):
-        explain(fitted(sets[0]), *sets, **options)
+        explain(expert, *sets, **options)
 
 
 @pytest.mark.slow
@@ -271,7 +284,7 @@ def test_the_real_pendulums_speed_column_is_found_to_be_off(reverse, limit):
 
 @pytest.mark.parametrize("gain", [0.9, 1.0])
 def test_a_speed_that_is_not_the_angles_slope_is_told(gain, caplog):
-    t = np.arange(81) * 0.05
+    t = np.arange(41) * 0.1
     data = ea.simulate(ea.DampedPendulum(), {"omega0": (2, 2)}, {"alpha": (0, 0)}, n=12, t=t, noise=0.005)
     y = data.y.copy()
     y[..., 1] *= gain

@@ -7,7 +7,7 @@ import expertaug as ea
 from expertaug.api import inference
 
 RANGES = {"z_e": {"omega0": (1.5, 3.1)}, "z_a": {"alpha": (0.1, 0.6)}}
-OPTIONS = {"steps": 4, "batch_size": 20, "validate_every": 2, "refinement": {"starts": 8, "tries": 1, "steps": 4}}
+OPTIONS = {"steps": 2, "batch_size": 20, "validate_every": 2, "refinement": {"starts": 8, "tries": 1, "steps": 4}}
 
 
 @pytest.fixture(scope="module")

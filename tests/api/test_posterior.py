@@ -9,7 +9,7 @@ from small_pendulum import SHIFTED
 import expertaug as ea
 from expertaug.api.posterior import fit_posterior, predictive
 
-TINY = {"steps": 60, "batch_size": 32, "pool": 128, "held_out": 64, "samples": 15}
+TINY = {"steps": 20, "batch_size": 32, "pool": 64, "held_out": 64, "samples": 15}
 
 
 @pytest.fixture(scope="module")

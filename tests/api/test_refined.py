@@ -92,15 +92,15 @@ def test_of_a_long_z_a_only_what_varies_most_is_sought(sets, tmp_path):
 
 def test_a_trained_model_is_refined_and_stays_as_it_is(sets, fit, tmp_path, capsys):
     train, model = sets["train"], fit
-    window = train.y[:, : model.observed]
-    own, refined = model.forecast(window, train.t), model.refined(noise=0.01).forecast(window, train.t)
+    window, how = train.y[:12, : model.observed], {"noise": 0.01, "steps": 8}
+    own, refined = model.forecast(window, train.t), model.refined(**how).forecast(window, train.t)
     assert refined.chi2.shape == (len(model), len(window)) and own.chi2 is None
 
     def misfit(forecast):
         return ((forecast.y[:, :, : model.observed] - window) ** 2).mean()
 
     assert misfit(refined) < misfit(own)
-    one = model.refined(noise=0.01)[1].forecast(window, train.t)
+    one = model.refined(**how)[1].forecast(window, train.t)
     np.testing.assert_allclose(one.z_e["omega0"], refined.z_e["omega0"][1], rtol=1e-3)
     np.testing.assert_array_equal(model.forecast(window, train.t).y, own.y)
     with pytest.raises(ea.InputError, match=r"refinement\.steps"):

@@ -4,11 +4,13 @@ import pytest
 from driven_sets import ENCODER, INTERACTION, OPTIONS, WIDER, simulated
 
 import expertaug as ea
+from quick_simulations import quickly
 
 
 @pytest.fixture(scope="session")
 def sets():
-    return {name: simulated(name, n) for name, n in {"train": 40, "validation": 10, "test": 10}.items()}
+    with quickly():
+        return {name: simulated(name, n) for name, n in {"train": 40, "validation": 10, "test": 10}.items()}
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ TORQUE = {"A": (0.0, 40.0), "f": (3.14, 6.28)}
 WIDER = {"omega0": (0.5, 4.0)}
 ENCODER = {"kind": "recurrent", "hidden": 8, "layers": [8]}
 INTERACTION = {"kind": "mlp", "layers": [6, 6], "components": ["omega"], "inputs": True, "time": True}
-OPTIONS = {"epochs": 3, "batch_size": 10, "learning_rate": 3e-3}
+OPTIONS = {"epochs": 2, "batch_size": 10, "learning_rate": 3e-3}
 
 
 def simulated(name, n, **others):

@@ -16,7 +16,7 @@ from expertaug.models.decoder import Decoder
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.simulate import trajectories
 
-T = np.linspace(0.0, 10.0, 101)
+T = np.linspace(0.0, 6.0, 61)
 OBSERVED, NOISE = 51, 0.01
 PRIOR = {"omega0": (0.5, 3.5)}
 

@@ -10,7 +10,7 @@ from expertaug.systems import Parameter, System
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
-T = np.arange(61) * 0.1
+T = np.arange(31) * 0.2
 PRIOR = {"omega0": (1.0, 3.0), "alpha": (0.01, 0.5)}
 NOISE, END = 0.02, 2.0
 BOTH = {"omega0": "shared", "alpha": "shared"}
@@ -30,10 +30,10 @@ class Rubbed(System):
 def swings(n, seed=0, omega0=1.7, alpha=0.15, noise=NOISE):
     """Windows of one pendulum, or, by arrays (n,), of several."""
     ranges = {"omega0": (1.0, 1.0)}, {"alpha": (0.0, 0.0)}
-    y0 = ea.simulate(ea.DampedPendulum(), *ranges, n=n, t=T, noise=0.0, seed=seed).y[:, 0]
+    y0 = ea.simulate(ea.DampedPendulum(), *ranges, n=n, t=T[:2], noise=0.0, seed=seed).y[:, 0]
     z_e = np.stack(np.broadcast_arrays(omega0, alpha, np.zeros(n)), 1)[:, :2]
     true, start = torch.from_numpy(z_e).double(), torch.from_numpy(y0).double()
-    y = Solver("dopri5", rtol=1e-8, atol=1e-8)(lambda t, y: Rubbed().expert(t, y, true), start, torch.from_numpy(T))
+    y = Solver("dopri5", rtol=1e-6, atol=1e-6)(lambda t, y: Rubbed().expert(t, y, true), start, torch.from_numpy(T))
     y = y.numpy() + noise * np.random.default_rng(seed).normal(size=y.shape)
     return Trajectories(T, np.swapaxes(y, 0, 1), z_e)
 

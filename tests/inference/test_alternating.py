@@ -136,13 +136,13 @@ def test_a_large_penalty_keeps_the_interaction_small(data, settings):
 
 
 def test_a_model_file_holds_what_forecasts_need(data, settings, tmp_path):
-    fit = but(settings.refinement, settings=but(settings.refinement.settings, tries=1, steps=4))
-    job = but(trained_by(settings, steps=2, batch_size=10, validate_every=2), refinement=fit)
+    fit = but(settings.refinement, settings=but(settings.refinement.settings, starts=8, tries=1, steps=4))
+    job = but(trained_by(settings, steps=2, batch_size=10, validate_every=2), refinement=fit, t1_s=1.0)
     path = tmp_path / "model.safetensors"
     alternate(data, path, tmp_path / "work", job, None)
     stored = store.load(path)
     assert stored.card.kind == "alternating" and stored.seeds == [0, 1]
-    windows = torch.from_numpy(Trajectories.load(data / "validation.npz").y[:3, :21]).movedim(1, 0).unsqueeze(1)
+    windows = torch.from_numpy(Trajectories.load(data / "validation.npz").y[:3, :11]).movedim(1, 0).unsqueeze(1)
     found = refine_by(stored, stored.card.refinement).estimate(seen(windows.expand(-1, 2, -1, -1)))
     assert found.z_e.shape == (2, 3, 1) and found.z_a.shape == (2, 3, 1)
     assert ((found.z_e > 0.5) & (found.z_e < 4)).all()

@@ -28,7 +28,7 @@ from nightly import others_slow
 from seen import seen
 from tiny import but
 
-T, NOISE, CPU = np.linspace(0.0, 10.0, 101), 0.01, torch.device("cpu")
+T, NOISE, CPU = np.linspace(0.0, 6.0, 61), 0.01, torch.device("cpu")
 SCORING = Scoring(draws=8, drawn_samples=1)
 
 

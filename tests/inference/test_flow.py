@@ -34,7 +34,7 @@ RK4 = Solver("rk4")
 def known():
     """A flow that has learned the lines' posterior, and windows of its own prior with their slopes and starts."""
     base, data = lines()
-    how = {"steps": 500, "batch_size": 200, "learning_rate": 1e-2, "pool": 2000, "uses": 1, "held_out": 1000}
+    how = {"steps": 300, "batch_size": 200, "learning_rate": 1e-2, "pool": 2000, "uses": 1, "held_out": 1000}
     training = prepare(base, data, asked({"slope": (-2.0, 2.0)}, NOISE, layers=(32, 32), **how))
     simulator, estimator = training.trainer.pool.simulator, training.run().model.eval()
     drawn = simulator.draw(400, HELD_OUT, 1)

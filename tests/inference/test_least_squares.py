@@ -115,8 +115,9 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
     mean = stored.model.encode(seen(y)).z_a.mean.double().mean(1)
     torch.testing.assert_close(torch.tensor(latent.mean, dtype=torch.float64), mean, rtol=1e-5, atol=1e-6)
 
+    y = y[:, :, :12]
     own = stored.model.estimate(seen(y))
-    alone = estimator_of(stored, RefinementSettings(starts=0), 0.01, None)  # no start but the model's own
+    alone = estimator_of(stored, RefinementSettings(starts=0, steps=8), 0.01, None)  # no start but the model's own
     t = torch.tensor(stored.card.t)
     observed = stored.card.observed
 
@@ -126,7 +127,7 @@ def test_refinement_starts_from_the_models_own_estimates(settings, data):
 
     refined = alone.estimate(seen(y))
     assert (misfit(refined) <= misfit(own) + 1e-6).all() and misfit(refined).mean() < 0.5 * misfit(own).mean()
-    many = RefinementSettings(starts=64, tries=4)
+    many = RefinementSettings(starts=64, tries=2, steps=8)
     more = estimator_of(stored, many, 0.01, {"omega0": (0.5, 3.5)}).estimate(seen(y))
     assert (more.chi2 <= refined.chi2 * 1.001 + 1e-6).double().mean() > 0.95
     # The same again, and the model is as it was.

@@ -15,6 +15,7 @@ from expertaug.models.settings import Constant, Population
 from nightly import others_slow
 
 BOTH = {"omega0": "trajectory", "alpha": "shared"}
+OMEGA0 = np.array([1.6, 2.0, 2.4])
 
 
 def told(rng, count, spread, weakest=0.05, strongest=0.5):
@@ -139,10 +140,16 @@ def test_windows_of_a_trajectory_share_its_value_and_errors_are_as_large_as_erro
     assert 0.6 < np.std(scores) < 1.5
 
 
-def test_a_window_of_a_known_trajectory_has_its_value():
-    omega0 = np.array([1.6, 2.0, 2.4])
-    model = fitted(of_pendulums(omega0, 6, 1), units=BOTH)
-    later = of_pendulums(omega0, 5, 2)
+@pytest.fixture(scope="module")
+def tied():
+    """Windows of three pendulums, and a fit in which each has its own frequency and all have one friction."""
+    data = of_pendulums(OMEGA0, 6, 1)
+    return data, fitted(data, units=BOTH)
+
+
+def test_a_window_of_a_known_trajectory_has_its_value(tied):
+    _, model = tied
+    later = of_pendulums(OMEGA0, 5, 2)
     window, names = later.seen[:, : model.observed], later.trajectories
     known, unknown = model.forecast(window, T, of=names), model.forecast(window, T)
     constants = model.refinement.trajectories["omega0"]
@@ -158,15 +165,14 @@ def test_a_window_of_a_known_trajectory_has_its_value():
         model.forecast(window, T, of=names[:2])
 
 
-def test_estimates_name_trajectories_once(tmp_path):
-    data = of_pendulums(np.array([1.6, 2.0, 2.4]), 4, 1)
-    model = fitted(data, units=BOTH)
+def test_estimates_name_trajectories_once(tied, tmp_path):
+    data, model = tied
     table = model.estimates(data)
     rows = table[table.parameter == "omega0"].set_index("of")
-    assert sorted(rows.index) == ["all", "p0", "p1", "p2"] and list(rows.loc[["p0", "p1"]].windows) == [4, 4]
+    assert sorted(rows.index) == ["all", "p0", "p1", "p2"] and list(rows.loc[["p0", "p1"]].windows) == [6, 6]
     assert rows.loc["all"].spread == pytest.approx(0.4, rel=0.3)
     constants = constants_of(model.refinement, {"omega0": "rad/s", "alpha": "1/s"}, {})
-    forecasts = Forecasts(T, 20, [0], [], [], [], [], {}, constants=constants)
+    forecasts = Forecasts(T, 10, [0], [], [], [], [], {}, constants=constants)
     forecasts.save(tmp_path / "forecasts.npz")
     again = Forecasts.load(tmp_path / "forecasts.npz").constants
     assert [str(one) for one in again] == [str(one) for one in constants] and len(again) == 3

@@ -32,9 +32,10 @@ def test_the_joint_draws_keep_what_the_fit_knows_of_start_and_parameter_together
 
 
 def test_a_point_has_no_draws(fitted):
-    stored, _ = fitted
+    stored, data = fitted
     point = torch.ones(2, 4, 1)
-    found = stored.model.estimate(seen(torch.ones(OBSERVED, 2, 4, 2)))
+    y = torch.from_numpy(data.y[:4, :OBSERVED]).movedim(1, 0).unsqueeze(1).expand(-1, 2, -1, -1)
+    found = stored.model.estimate(seen(y))
     q = Posterior(Delta(point), Delta(point[..., :0]))
     assert (
         joint_draws(

@@ -8,7 +8,7 @@ import expertaug as ea
 from expertaug.inference.diagnostics.alarm import threshold
 from expertaug.models.card import MisfitRecord
 
-T, OBSERVED_S, NOISE = np.arange(0, 10.01, 0.1), 3.0, 0.01
+T, OBSERVED_S, NOISE = np.arange(81) * 0.1, 3.0, 0.01
 RANGES = {"omega0": (1.5, 3.0)}
 
 

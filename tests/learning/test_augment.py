@@ -107,7 +107,8 @@ def test_x_of_augmented_samples_is_the_datas_unless_resampled():
 
 @pytest.mark.parametrize("preset", others_slow(["paper", "code"]))
 def test_every_preset_trains_augments_and_finetunes(preset, data, tmp_path, settings):
-    settings = but(settings, choices=resolve(preset), preset=preset)
+    once = but(settings.training, epochs=1)
+    settings = but(settings, choices=resolve(preset), preset=preset, training=once)
     train(data, tmp_path / "m.st", tmp_path / "work", settings, None)
     augmented(tmp_path / "m.st", data, tmp_path, settings)
     job = of_kind(FinetuneJob, settings)

@@ -113,6 +113,7 @@ def test_finetuning_changes_the_encoder_and_nothing_else(trained, data, tmp_path
 
 def test_the_control_takes_the_same_steps_on_real_data_alone(trained, data, tmp_path, settings):
     augmented(trained, data, tmp_path, settings)
+    settings = but(settings, training=but(settings.training, epochs=1))
     plus = of_kind(FinetuneJob, settings, **PLUS)
     finetune(trained, tmp_path / "plus.st", data, tmp_path / "plus/m.st", tmp_path / "a", plus, None)
     control = of_kind(FinetuneJob, settings, method="aphynity=", label="APHYNITY (control)")

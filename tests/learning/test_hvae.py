@@ -230,6 +230,7 @@ def test_z_a_of_augmented_samples_is_drawn(data, tmp_path, settings):
 
 @pytest.mark.parametrize("choices", others_slow([{}, {"resample": "epoch"}, {"frozen": "interaction_and_z_e_head"}]))
 def test_finetuning_leaves_theta_alone(data, tmp_path, settings, choices):
+    settings = but(settings, training=but(settings.training, epochs=1))
     before = run(data, tmp_path, settings)
     settings = but(settings, choices=but(settings.choices, **choices))
     model = tmp_path / "model.safetensors"
@@ -245,7 +246,8 @@ def test_finetuning_leaves_theta_alone(data, tmp_path, settings, choices):
 
 @pytest.mark.parametrize("preset", others_slow(["paper", "code"]))
 def test_every_preset_trains_augments_and_finetunes(preset, data, tmp_path, settings):
-    settings = but(settings, choices=resolve(preset), preset=preset)
+    once = but(settings.training, epochs=1)
+    settings = but(settings, choices=resolve(preset), preset=preset, training=once)
     run(data, tmp_path, settings)
     model = tmp_path / "model.safetensors"
     augmented(model, data, tmp_path, settings)

@@ -55,12 +55,9 @@ def test_whatever_else_lies_there_is_no_checkpoint(checkpoint, content, caplog):
     assert len(caplog.messages) == 1
 
 
-def test_a_training_beside_a_damaged_checkpoint_starts_afresh(data, settings, tmp_path):
-    for name in ("whole", "damaged"):
-        folder = tmp_path / name
-        if name == "damaged":
-            (folder / "work").mkdir(parents=True)
-            torch.save({"fingerprint": "x"}, folder / "work/checkpoint.pt")
-        train(data, folder / "model.safetensors", folder / "work", settings, None)
-    states = [store.load(tmp_path / name / "model.safetensors").model.state_dict() for name in ("whole", "damaged")]
+def test_a_training_beside_a_damaged_checkpoint_starts_afresh(data, trained, settings, tmp_path):
+    (tmp_path / "work").mkdir()
+    torch.save({"fingerprint": "x"}, tmp_path / "work/checkpoint.pt")
+    train(data, tmp_path / "model.safetensors", tmp_path / "work", settings, None)
+    states = [store.load(path).model.state_dict() for path in (trained, tmp_path / "model.safetensors")]
     assert all(torch.equal(value, states[1][key]) for key, value in states[0].items())

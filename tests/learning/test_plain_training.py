@@ -35,7 +35,8 @@ def trained(data, folder, settings, seeds):
 )
 def test_a_group_trains_as_each_seed_alone_and_is_kept(data, tmp_path, settings, encoder, interaction):
     own = [f"plain_parts:{encoder}", f"plain_parts:{interaction}"]
-    settings = but(settings, model=PartsSettings(encoder={"kind": own[0]}, interaction={"kind": own[1]}))
+    parts = PartsSettings(encoder={"kind": own[0]}, interaction={"kind": own[1]})
+    settings = but(settings, model=parts, training=but(settings.training, epochs=1))
     together = store.load(trained(data, tmp_path, settings, [0, 1]), classes=own).model.state_dict()
     stored = store.load(tmp_path / "2_0.safetensors", classes=own)
     start = Hybrid.network(stored.model.system, stored.card)

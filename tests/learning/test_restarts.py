@@ -12,7 +12,7 @@ from expertaug.learning.train import run_stage as train
 from expertaug.learning.trainer import Trainer
 from expertaug.models import store
 from nightly import others_slow
-from tiny import but
+from tiny import SETTINGS, but
 
 RESTARTED = {"restarts": 2, "restart_gap": 1e-6}  # whatever is not the best
 
@@ -27,10 +27,21 @@ def lines(folder):
     return [json.loads(line) for line in (folder / "log.jsonl").open()]
 
 
-def test_a_seed_behind_is_begun_anew_and_its_better_state_kept(data, tmp_path, settings):
-    settings = but(settings, seeds=[0, 1, 2])
-    plain = run(data, tmp_path / "plain", settings)
-    restarted = run(data, tmp_path / "restarted", settings, **RESTARTED)
+@pytest.fixture(scope="module")
+def three():
+    return but(SETTINGS, seeds=[0, 1, 2])
+
+
+@pytest.fixture(scope="module")
+def folder(data, three, tmp_path_factory):
+    """Of a training of three seeds in which two are begun anew."""
+    folder = tmp_path_factory.mktemp("restarted")
+    run(data, folder, three, **RESTARTED)
+    return folder
+
+
+def test_a_seed_behind_is_begun_anew_and_its_better_state_kept(data, three, folder, tmp_path):
+    plain, restarted = run(data, tmp_path, three), store.load(folder / "model.safetensors")
     before, after = plain.card.best_score, restarted.card.best_score
     best = before.index(min(before))
     assert plain.card.restarts is None and restarted.card.restarts[best] in (0, 2)
@@ -40,11 +51,9 @@ def test_a_seed_behind_is_begun_anew_and_its_better_state_kept(data, tmp_path, s
         for place in range(3):
             same = torch.equal(value[place], restarted.model.state_dict()[name][place])
             assert same or after[place] < before[place]
-    events = [line for line in lines(tmp_path / "restarted") if line.get("event") == "seed_restarted"]
+    events = [line for line in lines(folder) if line.get("event") == "seed_restarted"]
     assert events and all({"seed", "before", "after", "kept"} <= line.keys() for line in events)
-    assert any(
-        line.get("restarts") == [float(n) for n in restarted.card.restarts] for line in lines(tmp_path / "restarted")
-    )
+    assert any(line.get("restarts") == [float(n) for n in restarted.card.restarts] for line in lines(folder))
 
 
 @pytest.mark.slow
@@ -62,9 +71,8 @@ def test_a_restart_is_the_training_of_another_seed(data, tmp_path, settings):
 
 
 @pytest.mark.parametrize("last", others_slow([14, 9, 26]), ids=["first restart", "first training", "second restart"])
-def test_a_restart_that_is_killed_goes_on_to_the_same_bits(data, tmp_path, settings, monkeypatch, last):
-    settings = but(settings, seeds=[0, 1, 2])
-    whole = run(data, tmp_path / "whole", settings, **RESTARTED)
+def test_a_restart_that_is_killed_goes_on_to_the_same_bits(data, three, folder, tmp_path, monkeypatch, last):
+    whole = store.load(folder / "model.safetensors")
     step, taken = Trainer.step, []
 
     def counted(self, *arguments):
@@ -75,10 +83,10 @@ def test_a_restart_that_is_killed_goes_on_to_the_same_bits(data, tmp_path, setti
 
     monkeypatch.setattr(Trainer, "step", counted)
     with pytest.raises(KeyboardInterrupt):
-        run(data, tmp_path / "killed", settings, **RESTARTED)
+        run(data, tmp_path, three, **RESTARTED)
     taken.clear()
     monkeypatch.setattr(Trainer, "step", lambda self, *arguments: taken.append(1) or step(self, *arguments))
-    again = run(data, tmp_path / "killed", settings, **RESTARTED)
+    again = run(data, tmp_path, three, **RESTARTED)
     assert len(taken) <= 36 - last + 4, "what was done before the kill is not done again"
     assert again.card.but(wall_s=0) == whole.card.but(wall_s=0)
     for name, value in whole.model.state_dict().items():

@@ -16,9 +16,9 @@ def same(first, second):
     return all(torch.equal(first[k], second[k]) for k in first)
 
 
-def test_snapshots_are_the_states_after_their_passes_and_change_nothing(data, tmp_path, settings):
-    plain = run(data, tmp_path / "plain", settings)
-    assert not (tmp_path / "plain" / snapshots.NAME).exists()
+def test_snapshots_are_the_states_after_their_passes_and_change_nothing(data, trained, tmp_path, settings):
+    plain = store.load(trained).model.state_dict()
+    assert not (trained.parent / snapshots.NAME).exists()
     kept = run(data, tmp_path / "kept", but(settings, snapshots=[1, 3]))
     assert same(plain, kept)
     found = snapshots.load(tmp_path / "kept" / snapshots.NAME, CPU)

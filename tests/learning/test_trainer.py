@@ -22,10 +22,9 @@ def run(data, folder, settings):
     return (folder / "model.safetensors").read_bytes()
 
 
-def test_same_seed_same_bits_apart_from_the_time_it_took(data, tmp_path, settings):
-    for name in "ab":
-        run(data, tmp_path / name, settings)
-    first, second = (store.load(tmp_path / name / "model.safetensors").model.state_dict() for name in "ab")
+def test_same_seed_same_bits_apart_from_the_time_it_took(data, trained, tmp_path, settings):
+    run(data, tmp_path, settings)
+    first, second = (store.load(path).model.state_dict() for path in (trained, tmp_path / "model.safetensors"))
     assert all(torch.equal(first[k], second[k]) for k in first)
 
 
@@ -41,9 +40,8 @@ def test_one_step_of_a_seed_is_the_same_alone_and_in_a_block(data, tmp_path, set
             torch.testing.assert_close(group[name][place], value[0], rtol=1e-3, atol=1e-5)
 
 
-def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, killed):
-    run(data, tmp_path / "whole", settings)
-    whole = store.load(tmp_path / "whole/model.safetensors").model.state_dict()
+def test_a_killed_training_resumes_to_the_same_bits(data, trained, tmp_path, settings, killed):
+    whole = store.load(trained).model.state_dict()
     taken = killed(run, data, tmp_path / "killed", settings)
     assert (tmp_path / "killed/work/checkpoint.pt").exists()
     assert not (tmp_path / "killed/model.safetensors").exists()
@@ -52,7 +50,8 @@ def test_a_killed_training_resumes_to_the_same_bits(data, tmp_path, settings, ki
     assert len(taken) == 4, "only the last pass is left"
     assert all(torch.equal(whole[k], resumed[k]) for k in whole)
     assert not (tmp_path / "killed/work").exists()
-    logs = [[json.loads(line) for line in (tmp_path / n / "log.jsonl").open()] for n in ("whole", "killed")]
+    folders = trained.parent, tmp_path / "killed"
+    logs = [[json.loads(line) for line in (folder / "log.jsonl").open()] for folder in folders]
     losses = [[(line["step"], line["loss"]) for line in log if "loss" in line] for log in logs]
     assert losses[0] == losses[1] and len(losses[0]) == 3, "no line lost, none twice"
 

@@ -47,7 +47,8 @@ def project(tmp_path, monkeypatch):
         (tmp_path / "own").mkdir()
         for name, content in (("__init__", ""), ("predation", text), ("parts", PARTS)):
             (tmp_path / "own" / f"{name}.py").write_text(content)
-        (tmp_path / "my.yaml").write_text(yaml.safe_dump(config.merge(yaml.safe_load(EXPERIMENT), changes)))
+        short = config.merge(yaml.safe_load(EXPERIMENT), one(6.0, "data", "t2_s"))
+        (tmp_path / "my.yaml").write_text(yaml.safe_dump(config.merge(short, changes)))
         return tmp_path / "my.yaml"
 
     yield written

@@ -63,7 +63,7 @@ def test_simulation_agrees_with_a_finer_one_and_with_other_chunks(monkeypatch):
     assert system.state_shape == (2, SIZE, SIZE)
     assert system.error_dims == 2048
     data = sample(system, DATA, "train")
-    monkeypatch.setattr(type(system), "simulation", Solver("dopri5", 1e-9, 1e-9))
+    monkeypatch.setattr(type(system), "simulation", Solver("dopri5", 1e-8, 1e-8))
     monkeypatch.setattr(simulate, "CHUNK", 2 * 2048)
     finer = sample(system, DATA, "train")
     assert data.y.shape == (6, 51, 2, SIZE, SIZE)

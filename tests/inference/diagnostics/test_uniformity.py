@@ -85,7 +85,7 @@ class TestUniformity:
         inside = np.arange(n + 1)[2 * binom.cdf(np.arange(n + 1), n, 0.5) > 0.05]
         assert found.lower == pytest.approx(inside.min() / n) and found.upper == pytest.approx(1 - inside.min() / n)
 
-    @pytest.mark.parametrize(("n", "draws"), [(40, 19), (100, 300)])
+    @pytest.mark.parametrize(("n", "draws"), [(40, 19), (40, 100)])
     def test_uniform_ranks_are_refused_at_the_stated_rate(self, n, draws):
         """Also with more draws than points.  400 tests at 10 %: the rate lies within 3 standard deviations."""
         found = uniformity(np.random.default_rng(0).integers(0, draws + 1, (n, 400)), draws, confidence=0.9)
