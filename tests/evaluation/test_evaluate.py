@@ -28,7 +28,6 @@ from expertaug.trajectories import SetFolder, Trajectories
 from nightly import others_slow
 from seen import seen
 
-
 ALONE = ["test"]  # where the other sets would say the same
 
 

@@ -16,7 +16,7 @@ from expertaug_recordings.video.frame_store import run_stage as extract_frames
 from nightly import others_slow
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]
-CLIPS = {400: 1.2, 38: 8.0, 30: 8.0}  # Hz → s
+CLIPS = {400: 0.8, 38: 8.0, 30: 8.0}  # Hz → s
 
 
 @pytest.fixture(scope="module", params=others_slow(CLIPS))
@@ -109,7 +109,7 @@ def test_a_window_that_is_given_is_taken_and_its_harm_is_told(tracked):
 
 def shifted(kind, size=3.0):
     """A table of markers that are off their hinges, and how far."""
-    y = truth()[0, :2000]
+    y = truth()[0, :1200]
     table = markers(y)
 
     def along(theta):
@@ -139,15 +139,15 @@ def test_a_marker_off_its_hinge_is_modelled_and_reported(tmp_path, kind):
 
 
 def test_markers_on_their_hinges_are_left_there(tmp_path):
-    markers(truth()[0, :2000]).to_csv(tmp_path / "markers.csv", index=False)
-    pd.DataFrame(truth()[0, :2000], columns=STATE).to_csv(tmp_path / "truth.csv", index=False)
+    markers(truth()[0, :1200]).to_csv(tmp_path / "markers.csv", index=False)
+    pd.DataFrame(truth()[0, :1200], columns=STATE).to_csv(tmp_path / "truth.csv", index=False)
     *_, summary = measured(tmp_path)
     assert summary["offsets_px"] == {} and summary["pivot_window_s"] is None
 
 
 def test_a_tip_nearer_to_the_camera_is_modelled(tmp_path):
     """It is seen larger about the middle of the image: the second arm gets a share of the first."""
-    y, table = truth()[0, :2000], markers(truth()[0, :2000])
+    y, table = truth()[0, :1200], markers(truth()[0, :1200])
     table["tip_x"], table["tip_y"] = 240 + 1.03 * (table["tip_x"] - 240), 200 + 1.03 * (table["tip_y"] - 200)
     table.to_csv(tmp_path / "markers.csv", index=False)
     pd.DataFrame(y, columns=STATE).to_csv(tmp_path / "truth.csv", index=False)
@@ -158,10 +158,10 @@ def test_a_tip_nearer_to_the_camera_is_modelled(tmp_path):
 
 @pytest.mark.slow
 def test_a_shaking_camera_is_followed(tmp_path):
-    y, table = truth()[0, :2000], markers(truth()[0, :2000])
+    y, table = truth()[0, :1200], markers(truth()[0, :1200])
     rng = np.random.default_rng(0)
     for axis in "xy":
-        shake = np.convolve(rng.normal(size=2004), np.ones(5) / 5**0.5, "valid") * 1.5
+        shake = np.convolve(rng.normal(size=1204), np.ones(5) / 5**0.5, "valid") * 1.5
         for role in ("pivot", "joint", "tip"):
             table[f"{role}_{axis}"] += shake
     table.to_csv(tmp_path / "markers.csv", index=False)
@@ -176,7 +176,7 @@ def test_a_shaking_camera_is_followed(tmp_path):
 @pytest.mark.parametrize("kind", others_slow(["drift", "knock"]))
 def test_a_camera_that_is_held_or_knocked_is_followed(tmp_path, kind):
     """Further than a marker may be off its median without being another thing."""
-    y, table = truth()[0, :3200], markers(truth()[0, :3200])
+    y, table = truth()[0, :2400], markers(truth()[0, :2400])
     t = np.arange(len(y)) / 400
     way = 25 * np.sin(2 * np.pi * 0.3 * t) if kind == "drift" else np.where(t > 4, 15.0, 0.0)
     table[["pivot_x", "joint_x", "tip_x"]] += way[:, None]
@@ -188,7 +188,7 @@ def test_a_camera_that_is_held_or_knocked_is_followed(tmp_path, kind):
 
 
 def test_another_thing_that_is_taken_for_the_pivot_is_not_followed(tmp_path):
-    y, table = truth()[0, :2000], markers(truth()[0, :2000])
+    y, table = truth()[0, :1200], markers(truth()[0, :1200])
     wrong = np.arange(len(y)) % 50 < 5
     table.loc[wrong, ["pivot_x", "pivot_y"]] += 20
     table.to_csv(tmp_path / "markers.csv", index=False)

@@ -17,6 +17,7 @@ from expertaug_recordings.reports.page import run_stage as plot_recording
 from expertaug_recordings.reports.summary import RecordingSummary
 from expertaug_recordings.reports.summary import run_stage as summarise
 from expertaug_recordings.settings import ImportMarkersJob, MeasureAnglesJob
+from nightly import others_slow
 
 
 def true_angles(t):
@@ -59,7 +60,7 @@ def test_uneven_frames_are_resampled_and_the_cost_is_estimated(tmp_path, rate):
     assert seen.timing.uneven_ms == pytest.approx(1000 * 0.2 / rate, rel=0.2) or seen.timing.uneven_ms > 200 / rate
 
 
-@pytest.mark.parametrize("rate", [30, 60])
+@pytest.mark.parametrize("rate", others_slow([30, 60]))
 def test_uncertainties_of_uneven_frames_hold_what_interpolating_costs(tmp_path, rate):
     """Right within a factor of 1.5 also where most of the error is not the markers'."""
     rng = np.random.default_rng(0)
@@ -91,7 +92,7 @@ def test_even_frames_stay_as_they_are(tmp_path):
     assert (seen.reason == "").all()
 
 
-@pytest.mark.parametrize("rate", [50, 100, 240])
+@pytest.mark.parametrize("rate", others_slow([50, 240, 100], 2))
 def test_repeated_and_missing_frames_are_found_from_the_motion(tmp_path, rate):
     t = np.arange(15 * rate) / rate
     rng = np.random.default_rng(1)

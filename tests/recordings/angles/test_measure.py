@@ -33,7 +33,7 @@ def errors(angles, y, quality=1.0):
 
 
 def test_angles_and_speeds_are_those_of_the_truth(tmp_path):
-    y = truth()[0, :8000]
+    y = truth()[0, :4000]
     angles, summary = measure(tmp_path / "a", markers(y))
     rms = np.sqrt((errors(angles, y) ** 2).mean(0))
     raw = 0.07 * np.sqrt(2) / np.array([118, 90])
@@ -49,7 +49,7 @@ def test_angles_and_speeds_are_those_of_the_truth(tmp_path):
 
 
 def test_energy_is_kept_without_friction(tmp_path):
-    y = simulate(truth()[0, :1], np.arange(2000) / 400, CONSTANTS, (0.0, 0.0))[0]
+    y = simulate(truth()[0, :1], np.arange(1600) / 400, CONSTANTS, (0.0, 0.0))[0]
     angles, summary = measure(tmp_path / "a", markers(y))
     level = angles.loc[angles["quality"] == 1, "energy"]
     assert level.std() < 0.005 * level.mean()
@@ -87,28 +87,28 @@ def test_a_swaying_pivot_is_followed(tmp_path):
 
 
 def test_a_lost_pivot_alone_costs_no_frame(tmp_path):
-    y = truth()[0, :4000]
+    y = truth()[0, :1600]
     table = markers(y)
-    table.loc[1000:1100, ["pivot_x", "pivot_y"]] = np.nan
-    table.loc[1000:1100, ["quality", "reason"]] = 0.0, "lost:red"
-    table.loc[2000:2005, ["pivot_x", "pivot_y"]] += 40.0  # taken for another marker
+    table.loc[500:600, ["pivot_x", "pivot_y"]] = np.nan
+    table.loc[500:600, ["quality", "reason"]] = 0.0, "lost:red"
+    table.loc[1000:1005, ["pivot_x", "pivot_y"]] += 40.0  # taken for another marker
     angles, summary = measure(tmp_path / "a", table)
     assert summary["gaps"] == 0
     assert np.abs(errors(angles, y)[:, 0]).max() < 0.004
 
 
 def test_gaps_are_filled_only_where_short(tmp_path):
-    y = truth()[0, :4000]
+    y = truth()[0, :1600]
     table = markers(y)
-    for start, length in ((500, 6), (1500, 30)):
+    for start, length in ((500, 6), (1000, 30)):
         table.loc[start : start + length - 1, ["tip_x", "tip_y"]] = np.nan
         table.loc[start : start + length - 1, ["quality", "reason"]] = 0.0, "lost:blue"
     angles, summary = measure(tmp_path / "a", table)
     assert (angles["quality"][500:506] == 0.5).all() and (angles["reason"][500:506] == "interpolated").all()
-    assert (angles["quality"][1500:1530] == 0).all() and (angles["reason"][1500:1530] == "lost:blue").all()
-    assert angles[STATE][1500:1530].isna().all(axis=None)
+    assert (angles["quality"][1000:1030] == 0).all() and (angles["reason"][1000:1030] == "lost:blue").all()
+    assert angles[STATE][1000:1030].isna().all(axis=None)
     assert (summary["gaps"], summary["longest_gap_frames"], summary["interpolated"]) == (1, 30, 6)
-    assert summary["tracked_share"] == pytest.approx(1 - 36 / 4000)
+    assert summary["tracked_share"] == pytest.approx(1 - 36 / 1600)
     filled = (angles[STATE].to_numpy() - y)[500:506]
     assert np.abs(np.angle(np.exp(1j * filled[:, :2]))).max() < 0.004 and np.abs(filled[:, 2:]).max() < 0.5
     near = np.abs(errors(angles, y))
@@ -116,14 +116,14 @@ def test_gaps_are_filled_only_where_short(tmp_path):
 
 
 def test_a_gap_in_which_an_arm_may_turn_is_never_filled(tmp_path):
-    table = markers(truth()[0, :4000])
+    table = markers(truth()[0, :1600])
     table.loc[1000:1019, ["tip_x", "tip_y"]] = np.nan
     angles, summary = measure(tmp_path / "a", table, max_gap_frames=100)
     assert summary["interpolated"] == 0 and (angles["quality"][1000:1020] == 0).all()
 
 
 def test_faults_of_the_tracker_are_rejected(tmp_path):
-    y = truth()[0, :4000]
+    y = truth()[0, :1600]
     table = markers(y)
     table.loc[700, ["tip_x", "tip_y"]] += 12.0  # off the arm's circle
     turn = np.deg2rad(5)  # on the circle, but off the motion

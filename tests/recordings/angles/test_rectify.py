@@ -39,7 +39,7 @@ def camera(turn=(0.0, 0.0, 0.0), lens=None, far=1.0):
     return see
 
 
-def filmed(folder, see, noise=0.07, count=3000):
+def filmed(folder, see, noise=0.07, count=1600):
     y = truth()[0, :count]
     table = markers(y, noise=0.0)
     places = see(table[list(MARKERS)].to_numpy().reshape(-1, 3, 2)).reshape(-1, 6)
@@ -58,9 +58,8 @@ def errors(folder, y, **rectify):
     return np.median(np.abs(off - np.median(off[:, 0])), axis=0), json.loads((folder / "angles.json").read_text())
 
 
-def board(path, see, squares=(10, 7), side=40, offset=(20, 80)):
-    """A picture of a checkerboard, drawn by the camera's own rays."""
-    fine = 4
+def board(path, see, squares=(10, 7), side=40, offset=(20, 80), fine=4):
+    """A picture of a checkerboard, drawn by the camera's own rays, so many times as fine and averaged."""
     width, height = ((n + 2) * side for n in squares)
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     paint = np.where(((u // side) + (v // side)) % 2, 230, 25)
@@ -142,7 +141,7 @@ def test_what_a_board_cannot_tell_is_refused(tmp_path):
         errors(tmp_path, y, checkerboard=str(tmp_path / "nowhere.png"))
     filmed(tmp_path, lambda places: places + 200)
     with pytest.raises(InputError, match=r"markers beyond 480x480 px, the size of the checkerboard's picture"):
-        errors(tmp_path, y, checkerboard=str(board(tmp_path / "board.png", lambda places: places)))
+        errors(tmp_path, y, checkerboard=str(board(tmp_path / "board.png", lambda places: places, fine=1)))
 
 
 def test_arms_that_hardly_turn_tell_no_view(tmp_path):

@@ -91,7 +91,7 @@ def test_frames_off_their_times_are_a_warning_and_widen_the_uncertainties(tmp_pa
     assert ";" in pd.read_csv(tmp_path / "s.csv")["misfit_deg"][0]
 
 
-@pytest.mark.parametrize(("rate", "launch"), others_slow([(25, 0), (30, 1), (60, 2), (120, 0), (400, 1)], 3))
+@pytest.mark.parametrize(("rate", "launch"), others_slow([(25, 0), (60, 2), (30, 1), (120, 0), (400, 1)], 2))
 def test_sound_clips_are_left_alone(tmp_path, rate, launch):
     table, true = clip(np.arange(500) / rate, rate, launch)
     angles, summary = measure(tmp_path, table)
@@ -115,7 +115,7 @@ def test_a_single_pendulum_too(tmp_path):
 
 
 @pytest.mark.parametrize("share", others_slow([0.1, 0.2]))
-@pytest.mark.parametrize("rate", [30, 60])
+@pytest.mark.parametrize("rate", others_slow([30, 60]))
 def test_many_missing_frames_are_bridged_at_a_cost_that_is_stated(tmp_path, rate, share):
     """A phone that leaves frames out, whose timestamps are right."""
     rng = np.random.default_rng(1)
@@ -159,8 +159,8 @@ def test_markers_that_were_not_found_are_the_tracking(tmp_path):
 
 RATES = {  # of source and file in Hz → the least frames that repeat
     (60, 50): 0,
-    (30, 24): 0,
     (24, 30): 79,
+    (30, 24): 0,
     (25, 30): 66,
     (24, 25): 15,
     (50, 60): 66,
@@ -172,7 +172,7 @@ RATES = {  # of source and file in Hz → the least frames that repeat
 }
 
 
-@pytest.mark.parametrize(("source", "rate"), others_slow(RATES, 4))
+@pytest.mark.parametrize(("source", "rate"), others_slow(RATES, 2))
 def test_conversions_are_found_and_undone(tmp_path, source, rate):
     """Whatever the phase: the angles are those of their own times, and as uncertain as they say."""
     at = (np.floor(np.arange(400) * source / rate + 0.37)) / source
@@ -215,7 +215,7 @@ def rolled(rate, row_s, launch=0, count=300, noise=0.05):
 
 
 @pytest.mark.parametrize(
-    ("rate", "row_s"), others_slow([(60, 31e-6), (60, -25e-6), (30, 60e-6), (120, 15e-6), (240, 8e-6), (30, 20e-6)], 3)
+    ("rate", "row_s"), others_slow([(60, 31e-6), (60, -25e-6), (30, 60e-6), (120, 15e-6), (240, 8e-6), (30, 20e-6)], 2)
 )
 def test_a_rolling_shutter_is_found_and_undone(tmp_path, rate, row_s):
     table, true = rolled(rate, row_s)

@@ -115,8 +115,8 @@ def test_a_name_can_neither_add_keys_nor_match_other_files(tmp_path, monkeypatch
 
 def test_the_command_prints_yaml_and_refuses_in_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    centres = markers_of(swinging(24 * 20)[::24, :2], (170.2, 100.7), (52.0, 38.0))
-    frames = draw(centres, (340, 208), [PAINT[n] for n in ("red", "green", "blue")], 16)
+    centres = markers_of(swinging(24 * 13)[::24, :2], (170.2, 100.7), (52.0, 38.0))
+    frames = draw(centres, (340, 208), [PAINT[n] for n in ("red", "green", "blue")], 16, background=(60, 58, 55))
     write_video(frames, tmp_path / "clip.mp4", 100)
     assert cli.main(["inspect-video", "clip.mp4"]) == 0
     block = yaml.safe_load(capsys.readouterr().out)

@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
 import torch
+from pendulum_motion import CONSTANTS as SWUNG
+from pendulum_motion import FRICTION, LAUNCHES, swing
 
 from expertaug.errors import InputError
 from expertaug.systems.double_pendulum import Constants, accelerations, energy
@@ -24,6 +26,11 @@ def test_accelerations_are_those_of_the_system():
     np.testing.assert_allclose(
         ours, accelerations(torch.tensor(states), CONSTANTS, friction).numpy(), rtol=1e-11, atol=1e-11
     )
+
+
+def test_swings_of_other_tests_are_these_too():
+    found = simulate(np.array(LAUNCHES[:1]), np.arange(50) / 400, SWUNG, FRICTION)[0]
+    np.testing.assert_array_equal(swing(LAUNCHES[0], 50), found)
 
 
 def test_energy_is_conserved_without_friction(start):
