@@ -7,10 +7,19 @@ import re
 import shlex
 import subprocess
 from itertools import pairwise
+from pathlib import Path
 
+import pytest
 from test_overrides import TEXT, plan
 
 from expertaug.stages.planned import STUDIES
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory) -> tuple[Path, subprocess.CompletedProcess]:
+    """A folder with a configuration of one's own, and what a dry run of it says."""
+    folder = tmp_path_factory.mktemp("report")
+    return folder, plan(folder, TEXT)
 
 
 def report_settings(done: subprocess.CompletedProcess) -> dict:
@@ -23,8 +32,8 @@ def report_settings(done: subprocess.CompletedProcess) -> dict:
     return json.loads(told["--settings"])
 
 
-def test_the_report_shows_what_rules_mark_under_their_captions(tmp_path):
-    done = plan(tmp_path, TEXT)
+def test_the_report_shows_what_rules_mark_under_their_captions(planned):
+    folder, done = planned
     said, settings = done.stdout + done.stderr, report_settings(done)
     assert [one["name"] for one in settings["experiments"]] == ["pendulum"] and settings["files"][-1] == "my.yaml"
     shown = {one["path"]: one for one in settings["shown"]}
@@ -32,7 +41,7 @@ def test_the_report_shows_what_rules_mark_under_their_captions(tmp_path):
     assert shown["tables/pendulum_alarm.md"]["title"] == "alarm"
     for path, one in shown.items():
         assert f"results/mine/{path}" in said, "a job makes it"
-        assert (tmp_path / one["caption"]).resolve().is_file()
+        assert (folder / one["caption"]).resolve().is_file()
 
 
 def stage_of(rule: str) -> str:
@@ -42,9 +51,10 @@ def stage_of(rule: str) -> str:
     return STUDIES[name].key() if rule == f"{name}_of_experiment" and name in STUDIES else name
 
 
-def test_the_graph_of_stages_is_that_of_snakemakes_rules(tmp_path):
-    settings = report_settings(plan(tmp_path, TEXT))
-    done = plan(tmp_path, TEXT, "--rulegraph", "mermaid-js")
+def test_the_graph_of_stages_is_that_of_snakemakes_rules(planned):
+    folder, done = planned
+    settings = report_settings(done)
+    done = plan(folder, TEXT, "--rulegraph", "mermaid-js")
     names = dict(re.findall(r"(id\d+)\[(\w+)\]", done.stdout))
     arrows = {(names[a], names[b]) for a, b in re.findall(r"(id\d+) --> (id\d+)", done.stdout)}
     assert len(settings["rules"]) > 10

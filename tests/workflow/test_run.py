@@ -150,10 +150,6 @@ def test_both_entry_points_run_the_same_jobs_from_anywhere(tmp_path):
     others_slow(
         [
             (
-                {"seeds": [0, "1e-3"]},
-                "configuration: seeds[1]: found '1e-3', which YAML takes for a text; write 1.0e-3",
-            ),
-            (
                 {"recordings": {"source": "markers", "markers": {"path": "bad"}}},
                 "configuration: bad: two files of one name",
             ),
@@ -165,8 +161,11 @@ def test_both_entry_points_run_the_same_jobs_from_anywhere(tmp_path):
                 {"results": "bad", "recordings": {"source": "markers", "markers": {"path": "bad/a"}}},
                 "configuration: recordings.markers.path: 'bad/a/0.csv' lies in the results folder 'bad'",
             ),
+            (
+                {"seeds": [0, "1e-3"]},
+                "configuration: seeds[1]: found '1e-3', which YAML takes for a text; write 1.0e-3",
+            ),
         ],
-        2,
     ),
 )
 def test_bad_configuration_is_one_line_and_status_2(tmp_path, change, line):
