@@ -1,7 +1,9 @@
 """Publishing a run: what is copied, what is recorded, what is refused."""
 
+import functools
 import json
 import re
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +55,14 @@ def run(tmp_path, monkeypatch):
 
 
 def settings(root):
-    return config.validate(config.load([Path(__file__).parents[2] / "config/config.yaml", root / "my.yaml"]))
+    return validated((root / "my.yaml").read_text())
+
+
+@functools.cache
+def validated(text):
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "my.yaml").write_text(text)
+        return config.validate(config.load([ROOT / "config/config.yaml", Path(folder) / "my.yaml"]))
 
 
 def test_a_table_that_a_link_brings_from_elsewhere_is_refused(run):

@@ -37,9 +37,9 @@ def base():
 @pytest.mark.parametrize("name", others_slow(LOOKS))
 def test_the_proposal_is_valid_and_finds_the_markers(name, base, tmp_path, monkeypatch):
     style, names, background, marked, tilt = LOOKS[name]
-    centres = markers_of(swinging(190, (1.2, 0.5, 0.0, 0.0))[::2, :2], PIVOT, ARMS, tilt)
+    centres = markers_of(swinging(190, (1.2, 0.5, 0.0, 0.0))[::2, :2], (292.7, 124.2), (67.5, 45.0), tilt)
     frames = draw(
-        centres, SIZE, [PAINT[n] if marked or k else None for k, n in enumerate(names)], 24, style, background
+        centres, (480, 270), [PAINT[n] if marked or k else None for k, n in enumerate(names)], 18, style, background
     )
     video = write_video(frames, tmp_path / "clip.mp4", RATE / 2)
     text = inspect(video, tmp_path / "contact.png")
@@ -54,7 +54,7 @@ def test_the_proposal_is_valid_and_finds_the_markers(name, base, tmp_path, monke
             assert abs((seen.middle - true + 180) % 360 - 180) < seen.reach
     assert (look.pivot is None) == (not marked)
     assert block["recordings"]["angles"]["rotation_deg"] == pytest.approx(tilt, abs=0.5)
-    assert recording_settings.track_markers(found).marker_diameter_px == pytest.approx(24, abs=0.5)
+    assert recording_settings.track_markers(found).marker_diameter_px == pytest.approx(18, abs=0.5)
     assert recording_settings.split_chunks(found, "double_pendulum").rate_hz == pytest.approx(60)
     assert "left over" not in text
     assert "all found in 24 of 24" in text or "all found in 23 of 24" in text
