@@ -22,7 +22,7 @@ DARK = (35, 32, 30)
 
 @pytest.fixture(scope="module")
 def centres():
-    return markers_of(swinging(60)[:, :2], PIVOT, ARMS, 10.0)
+    return markers_of(swinging(45)[:, :2], PIVOT, ARMS, 10.0)
 
 
 def tracked(frames, diameter=24.0):
@@ -98,7 +98,7 @@ def test_light_from_one_side_does_not_shift_the_centre(behind, mark, most, centr
 
 @pytest.mark.slow
 def test_a_joint_off_its_hinge_costs_no_frame(centres):
-    theta = swinging(60)[:, 0] + np.deg2rad(10.0)
+    theta = swinging(45)[:, 0] + np.deg2rad(10.0)
     off = centres.copy()
     off[:, 1] += 6.0 * np.stack([np.sin(theta), np.cos(theta)], axis=1)
     frames = draw(off, SIZE, COLOURS, background=DARK)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from drawn import ARMS, PAINT, PIVOT, RATE, SIZE, draw, markers_of, swinging, write_video
+from drawn import PAINT, RATE, draw, markers_of, swinging, write_video
 
 from expertaug_recordings.angles.measure import run_stage as measure_angles
 from expertaug_recordings.corrections import read_corrections
@@ -13,7 +13,7 @@ from expertaug_recordings.reports.review import WORST, review, review_recording,
 from expertaug_recordings.settings import MeasureAnglesJob, ReviewRecordingJob
 from expertaug_recordings.tables import PLACES
 
-COUNT = 360
+COUNT, SIZE, PIVOT, ARMS = 240, (320, 180), (195.3, 82.6), (45.0, 30.0)
 
 
 @pytest.fixture(scope="module")
@@ -22,11 +22,11 @@ def recording(tmp_path_factory):
     folder = tmp_path_factory.mktemp("review") / "clip"
     folder.mkdir()
     place = markers_of(swinging(COUNT)[:, :2], PIVOT, ARMS)
-    frames = draw(place, SIZE, [PAINT[n] for n in ("red", "green", "blue")])
+    frames = draw(place, SIZE, [PAINT[n] for n in ("red", "green", "blue")], 12)
     write_video(frames, folder / "clip.mp4", RATE)
     rng = np.random.default_rng(0)
     table = pd.DataFrame({"frame": np.arange(COUNT), "t": np.arange(COUNT) / RATE})
-    table[list(PLACES)] = (place + 0.05 * rng.normal(size=place.shape)).reshape(-1, 6)
+    table[list(PLACES)] = (place + 0.025 * rng.normal(size=place.shape)).reshape(-1, 6)
     table["quality"], table["reason"] = 0.9, ""
     table.loc[100:119, ["tip_x", "tip_y"]] = np.nan
     table.loc[100:119, ["quality", "reason"]] = 0.0, "lost:blue"
