@@ -45,14 +45,21 @@ def pytest_collection_modifyitems(items: list) -> None:
 
 @pytest.fixture(scope="session")
 def empty_database(tmp_path_factory):
-    """An MLflow database without anything in it, as MLflow's dozens of migrations make it."""
-    from mlflow.store.db import utils
-    from sqlalchemy import create_engine
+    """An MLflow database without anything in it, as MLflow's dozens of migrations make it for all test processes."""
+    from filelock import FileLock
 
-    path = tmp_path_factory.mktemp("mlflow") / "empty.db"
-    engine = create_engine(f"sqlite:///{path}")
-    utils._initialize_tables(engine)
-    engine.dispose()
+    root = tmp_path_factory.getbasetemp()
+    root = root.parent if "PYTEST_XDIST_WORKER" in os.environ else root
+    path, begun = root / "empty_mlflow.db", root / "begun_mlflow.db"
+    with FileLock(root / "empty_mlflow.lock"):
+        if not path.exists():
+            from mlflow.store.db import utils
+            from sqlalchemy import create_engine
+
+            engine = create_engine(f"sqlite:///{begun}")
+            utils._initialize_tables(engine)
+            engine.dispose()
+            begun.rename(path)
     return path
 
 

@@ -12,7 +12,7 @@ from expertaug_recordings.inspection.inspect import inspect
 from expertaug_recordings.inspection.left_over import find_left_over
 from nightly import others_slow
 
-SIZE, ARMS, DIAMETER, COUNT = (340, 208), (52.0, 38.0), 16, 6
+SIZE, ARMS, DIAMETER, COUNT = (340, 208), (52.0, 38.0), 16, 8
 WALL = (60, 58, 55)  # on a darker one noise has colours, and its thousand parts cost more than the disks
 COLOURS = ("red", "green", "blue")
 START, OTHER = (1.2, 0.5, 0.0, 0.0), (-0.9, 0.4, 0.0, 0.0)
@@ -47,17 +47,17 @@ def seen(*scene):
 
 
 BALLS = {
-    "a ball of the tip's colour": (ball(30), ("blue",), 2, [" colour (hue 225) that move, in 6 of 6 frames"]),
+    "a ball of the tip's colour": (ball(30), ("blue",), 2, [" colour (hue 225) that move, in 8 of 8 frames"]),
     "nothing": (None, (), 3, []),
     "another pendulum": (
         pendulum((250.0, 90.0), OTHER)[:, 1:],
         ("orange", "purple"),
         3,
-        ["another colour (hue 268) that move, in 6 of 6 frames: are there two", "another colour (hue 26) that move"],
+        ["another colour (hue 268) that move, in 8 of 8 frames: are there two", "another colour (hue 26) that move"],
     ),
     "one of the joint's": (ball(30), ("green",), 1, ["the joint's colour (hue 125) that move", "another colour"]),
     "one of no marker's": (ball(30), ("magenta",), 3, ["another colour (hue 311) that move"]),
-    "a sticker of the tip's": (ball(0), ("blue",), 3, ["the tip's colour (hue 225) at rest, in 6 of 6 frames"]),
+    "a sticker of the tip's": (ball(0), ("blue",), 3, ["the tip's colour (hue 225) at rest, in 8 of 8 frames"]),
     "a sticker of no marker's": (ball(0), ("magenta",), 3, []),
     "one alike": (
         pendulum((250.0, 90.0), OTHER),
@@ -88,5 +88,5 @@ def test_two_single_pendulums_are_told(two):
 def test_inspect_says_it_in_the_proposal_and_in_the_terminal(tmp_path, caplog):
     frames = filmed(pendulum(), COLOURS, ball(30), ("blue",))
     text = inspect(write_video(frames.repeat(2, axis=0), tmp_path / "clip.mp4", 30), tmp_path / "sheet.png")
-    said = r"left over: disks of (another|the tip's) colour \(hue 225\) that move, in 12 of 12 frames"
+    said = r"left over: disks of (another|the tip's) colour \(hue 225\) that move, in 16 of 16 frames"
     assert re.search(f"(?m)^# {said}", text) and re.search(said, caplog.text)
