@@ -146,6 +146,12 @@ def test_imports_are_found_wherever_they_stand(tmp_path):
     assert list(found) == expected.split()
 
 
+def test_a_strangers_file_may_begin_with_a_byte_order_mark(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text("\ufeffimport a\n", encoding="utf-8")
+    assert source_files._list_imports(path, "mine") == ("a",)
+
+
 def test_modules_that_do_not_exist_are_named():
     with pytest.raises(InputError, match=r"system\.name: no module 'no\.such'"):
         source_files.find("system.name", "no.such:Class")

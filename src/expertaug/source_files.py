@@ -164,7 +164,7 @@ def _list_imports(path: Path, module: str) -> tuple[str, ...]:
     Raises:
         InputError: it is no Python.
     """
-    text = path.read_text(encoding="utf-8")
+    text = path.read_text(encoding="utf-8-sig")  # as Python reads it
     if module.split(".")[0] not in PACKAGES:
         _check_syntax(path, text)
     names = []
