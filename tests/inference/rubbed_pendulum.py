@@ -27,15 +27,15 @@ class Rubbed(System):
         return torch.stack((omega, -(omega0**2) * torch.sin(theta) - alpha * omega), dim=-1)
 
 
-def swings(n, seed=0, omega0=1.7, alpha=0.15, noise=NOISE):
+def swings(n, seed=0, omega0=1.7, alpha=0.15, noise=NOISE, t=T):
     """Windows of one pendulum, or, by arrays (n,), of several."""
     ranges = {"omega0": (1.0, 1.0)}, {"alpha": (0.0, 0.0)}
-    y0 = ea.simulate(ea.DampedPendulum(), *ranges, n=n, t=T[:2], noise=0.0, seed=seed).y[:, 0]
+    y0 = ea.simulate(ea.DampedPendulum(), *ranges, n=n, t=t[:2], noise=0.0, seed=seed).y[:, 0]
     z_e = np.stack(np.broadcast_arrays(omega0, alpha, np.zeros(n)), 1)[:, :2]
     true, start = torch.from_numpy(z_e).double(), torch.from_numpy(y0).double()
-    y = Solver("dopri5", rtol=1e-6, atol=1e-6)(lambda t, y: Rubbed().expert(t, y, true), start, torch.from_numpy(T))
+    y = Solver("dopri5", rtol=1e-6, atol=1e-6)(lambda s, y: Rubbed().expert(s, y, true), start, torch.from_numpy(t))
     y = y.numpy() + noise * np.random.default_rng(seed).normal(size=y.shape)
-    return Trajectories(T, np.swapaxes(y, 0, 1), z_e)
+    return Trajectories(t, np.swapaxes(y, 0, 1), z_e)
 
 
 def fitted(data, **options):

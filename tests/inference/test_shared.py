@@ -59,9 +59,9 @@ def test_forecasts_of_one_pendulum_gain_from_all_of_its_windows():
 
 def test_what_is_not_shared_stays_each_windows_own():
     alpha = np.linspace(0.05, 0.4, 20)
-    data = swings(20, alpha=alpha, noise=0.0005)
+    data = swings(20, alpha=alpha, noise=0.002, t=np.arange(61) * 0.1)
     model = fitted(data, units={"omega0": "shared"})
-    found = model.forecast(data.seen[:, : model.observed], T)
+    found = model.forecast(data.seen[:, : model.observed], data.t)
     assert np.corrcoef(found.z_e["alpha"], alpha)[0, 1] > 0.99
     assert found.z_e_std["omega0"] == pytest.approx(model.stored.card.refinement.shared["omega0"].std, rel=1e-3)
 

@@ -39,8 +39,7 @@ RANGES = {"z_e": {"k": [1.0, 4.0], "mu": [0.1, 0.3]}, "z_a": {"c": [0.0, 0.1]}}
 TIMES = [0.1 * k for k in range(100)]
 
 
-def test_a_solver_that_creeps_through_a_jump_is_stopped_by_one_line_that_names_events(monkeypatch):
-    monkeypatch.setattr("expertaug.systems.jumps.PATIENCE", 2000)
+def test_a_solver_that_creeps_through_a_jump_is_stopped_by_one_line_that_names_events():
     with pytest.raises(InputError, match=r"Rubbed, set train, .*jump near x = .*, v = .*dopri5.*event"):
         ea.simulate(Rubbed(), **RANGES, n=20, t=TIMES)
 
