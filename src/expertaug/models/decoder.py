@@ -5,21 +5,29 @@ dy/dt = F_e(y; z_e) + F_a(y; z_a), the equation that made simulated data, and th
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from expertaug.errors import InputError
+from expertaug.models.interactions.base import Interaction
 from expertaug.models.posterior import Estimates, Predictor
 from expertaug.models.sensors import Sensors
 from expertaug.models.settings import MARGIN
 from expertaug.systems import System
 from expertaug.systems.inputs import solve
+from expertaug.systems.solvers.adjoint import Part, solve_with_adjoint, sum_of, takes_adjoint
 from expertaug.systems.solvers.solver import Solver
 from expertaug.windows import Windows
+
+
+def _repeated(z: Tensor, times: int) -> Tensor:
+    """Values (…, B, Q) of samples, each so many times in turn, (…, B·times, Q)."""
+    return z if times == 1 else z.unsqueeze(-2).expand(*z.shape[:-1], times, -1).flatten(-3, -2)
 
 
 class LatentBound(nn.Module):
@@ -130,31 +138,76 @@ class Decoder(nn.Module):
         Arguments:
             u: known inputs (T, …, B, U) at the times t; None for a system without.
         """
-        count = z_a.shape[-2]
+        count, axis = z_a.shape[-2], -1 - len(self.system.state_shape)
         context = self.context(z_a, z_e[..., :count, :])
-        axis = -1 - len(self.system.state_shape)
         rest = y0.shape[axis] - count
 
-        expert = self.system.nonlinear if solver.splits else self.system.expert
+        def parts_of(times: int = 1) -> list[Part]:
+            """dy/dt of so many states of each sample in turn."""
+            several = None if context is None else _repeated(context, times)
+            return self._parts(_repeated(z_e, times), several, rest * times, solver)
+
+        start, parts = self.system.initial_state(y0, z_e), parts_of()
+        if self._takes_adjoint(solver, start, z_e, context):
+            return self.measured(solve_with_adjoint(solver, parts, parts_of, start, t))
         flow = partial(self.system.linear_flow, z_e) if self.expert and solver.splits else None
+        return self.measured(solve(self.system, sum_of(parts), start, t, solver, z_e, u, flow))
 
-        driven, events = bool(self.system.known), self.system.has_events
+    def _parts(self, z_e: Tensor, context: Tensor | None, rest: int, solver: Solver) -> list[Part]:
+        """What dy/dt is a sum of, at a time and states (…, B, *state), and known inputs and the side where the system
+        has them: F_e, and F_a where there is one.
 
-        def field(s: Tensor, y: Tensor, *more: Tensor) -> Tensor:
-            rate = expert(s, y, z_e, *more) if self.expert else self.system.kinematics(y)
-            if context is None:
-                return rate
-            first = y if rest == 0 else y.split([count, rest], axis)[0]
+        Arguments:
+            z_e: (…, B, P).
+            context: what F_a prepared, of the first samples; None without an F_a.
+            rest: how many samples after them follow the expert alone.
+        """
+        system, every = self.system, range(len(self.system.state))
+        law = system.nonlinear if solver.splits else system.expert
+
+        def expert(s: Tensor, y: Tensor, *more: Tensor) -> Tensor:
+            return law(s, y, z_e, *more) if self.expert else system.kinematics(y)
+
+        if context is None:
+            return [Part(expert, every)]
+        count, axis, interaction = context.shape[-2], -1 - len(system.state_shape), self.interaction
+        driven, events, added = bool(system.known), system.has_events, self._along(context)
+        linear = interaction.linearised(context) if isinstance(interaction, Interaction) else None
+
+        def given(s: Tensor, y: Tensor, more: Sequence[Tensor]) -> list[Tensor]:
+            first = y if rest == 0 else y.narrow(axis, 0, count)
             s = s if s.dim() == 0 else s[..., :count]
-            added = self.interaction_rate(first, context, s, *(u[..., :count, :] for u in more[:driven]))
-            if events:  # what stays on an event follows the expert's law there
-                added = torch.where(more[-1][..., :count].unsqueeze(-1) == 0, 0.0, added)
-            if rest == 0:
-                return rate + added
-            leading, other = rate.split([count, rest], axis)
-            return torch.cat((leading + added, other), axis)
+            return [first, *self._seen(first, s, *(u[..., :count, :] for u in more[:driven]))]
 
-        return self.measured(solve(self.system, field, self.system.initial_state(y0, z_e), t, solver, z_e, u, flow))
+        def padded(rate: Tensor) -> Tensor:
+            return rate if rest == 0 else functional.pad(rate, (0, 0) * (-1 - axis) + (0, rest))
+
+        def learned(s: Tensor, y: Tensor, *more: Tensor) -> Tensor:
+            rate = added(*given(s, y, more))
+            if events:  # what stays on an event follows the expert's law there
+                rate = torch.where(more[-1][..., :count].unsqueeze(-1) == 0, 0.0, rate)
+            return padded(rate)
+
+        def linearised(s: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+            assert linear is not None
+            rate, slopes = linear(*given(s, y, ()))
+            return padded(rate), padded(slopes)
+
+        components = getattr(interaction, "acts_on", every)
+        return [Part(expert, every), Part(learned, components, None if linear is None else linearised)]
+
+    def _takes_adjoint(self, solver: Solver, y0: Tensor, z_e: Tensor, context: Tensor | None) -> bool:
+        """Whether a solve needs a gradient, and has it without a graph of its steps."""
+        system, interaction = self.system, self.interaction
+        own = interaction is None or isinstance(interaction, Interaction)
+        if not (own and torch.is_grad_enabled()) or system.known or system.has_events or len(system.state_shape) > 1:
+            return False
+        if solver.splits and type(system).linear_flow is not System.linear_flow:
+            return False
+        given = [x for x in (y0, z_e, context) if x is not None]
+        parameters = () if interaction is None else interaction.parameters()
+        width = 0 if interaction is None else interaction.width
+        return any(x.requires_grad for x in (*given, *parameters)) and takes_adjoint(solver, y0, width)
 
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor | None:
         """What F_a prepares for trajectories; None without an F_a."""
@@ -170,14 +223,21 @@ class Decoder(nn.Module):
             s: time in s, one or (…, B).
             u: known inputs (…, B, U) then.
         """
-        seen = []
-        if u is not None and getattr(self.interaction, "sees_inputs", False):
-            seen.append(u)
+        return self._along(context)(y, *self._seen(y, s, *(() if u is None else (u,))))
+
+    def _along(self, context: Tensor) -> Callable[..., Tensor]:
+        """F_a of states, and of what it sees besides, for one context."""
+        if isinstance(self.interaction, Interaction):
+            return self.interaction.along(context)
+        return lambda y, *known: self.interaction(y, context, *known)  # type: ignore[misc]
+
+    def _seen(self, y: Tensor, s: Tensor, u: Tensor | None = None) -> list[Tensor]:
+        """What F_a sees besides states y (…, B, *state): known inputs (…, B, U), the time s, or nothing."""
+        seen = [u] if u is not None and getattr(self.interaction, "sees_inputs", False) else []
         if getattr(self.interaction, "sees_time", False):
-            lead = y.shape[: y.dim() - len(self.system.state_shape)]
             when = torch.as_tensor(s, dtype=y.dtype).to(y.device, non_blocking=True)
-            seen.append(when.expand(lead).unsqueeze(-1))
-        return self.interaction(y, context, torch.cat(seen, dim=-1)) if seen else self.interaction(y, context)
+            seen.append(when.expand(y.shape[: y.dim() - len(self.system.state_shape)]).unsqueeze(-1))
+        return [torch.cat(seen, dim=-1)] if seen else []
 
     def interaction_squares(
         self, y: Tensor, z_e: Tensor, z_a: Tensor, t: Tensor | None = None, u: Tensor | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -45,10 +45,12 @@ class Interaction(nn.Module):
         acts_on, sees: positions in the state of the components on which F_a acts, and that it sees.
         sees_inputs, sees_time: whether ``forward`` is given the known inputs (…, B, U), and the time in s after them,
             as a third argument.
+        width: about how many numbers it makes of one state.
     """
 
     sees_inputs = False
     sees_time = False
+    width = 0
 
     def __init__(
         self,
@@ -72,6 +74,16 @@ class Interaction(nn.Module):
     def context(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → (…, B, width), what :meth:`forward` needs of them for a trajectory."""
         return self.latents(z_a, z_e)
+
+    def along(self, context: Tensor) -> Callable[..., Tensor]:
+        """:meth:`forward` for trajectories of which this is the context, of y and what else it is given: asked for once
+        a solve, so that what no state changes need not be looked up at every step."""
+        return lambda y, *known: self(y, context, *known)
+
+    def linearised(self, context: Tensor) -> Callable[..., tuple[Tensor, Tensor]] | None:
+        """For the same arguments as :meth:`along` the rates, whose gradient reaches what F_a is made of but not y, and
+        ∂ rate / ∂ y (R, …, B, K) of the R components that F_a acts on; None: let backpropagation find it."""
+        return None
 
     def latents(self, z_a: Tensor, z_e: Tensor) -> Tensor:
         """z_a (…, B, latent) and z_e (…, B, P) → what F_a may see of them, (…, B, inputs)."""

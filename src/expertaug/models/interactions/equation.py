@@ -40,7 +40,7 @@ class EquationInteraction(Interaction):
                 "model.interaction.coefficients", f"{free} of them are left to z_a", f"z_a has {latent} components"
             )
         super().__init__(system, latent, components=list(dict.fromkeys(term.rate for term in terms)) or None)
-        self.system = system
+        self.system, self.width = system, len(terms)
         names = {name for term in self.terms for name in term.names}
         functional = any(term.function is not None for term in self.terms)
         self.names = None if functional else names

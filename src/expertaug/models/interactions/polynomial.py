@@ -54,7 +54,7 @@ class PolynomialInteraction(Interaction):
         # z_a lets what the encoder makes of unseen windows weigh too much.
         for parameter in self.varying.layers[-1].parameters():
             parameter.data *= START
-        rest = len(self.acts_on) * (self.terms - varying)
+        self.width, rest = self.terms, len(self.acts_on) * (self.terms - varying)
         # Zero: a random cubic would send forecasts to infinity before it is trained.
         self.fixed = nn.Parameter(torch.zeros(1, rest)) if rest else None
 
