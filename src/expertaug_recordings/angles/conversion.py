@@ -28,6 +28,7 @@ BETTER = 0.5  # of the misfit at even times that the pattern may leave at most
 NO_WORSE = 1.1  # the same where mixtures tell the pattern: one that repeats rarely leaves most frames even
 NEARLY_STILL = 0.5  # of the motion: mixtures of images that lie on each other are no repeats
 WIDE = 12  # intervals between the first and the last of five frames that tell
+NARROW = 8  # the same where frames are mixed: less than where one that repeats rarely leaves them out
 LIVELY = np.deg2rad(0.3)  # misfit at even times, below which there is nothing to find
 ENOUGH = 30  # frames of the source
 HALF_WAY = 0.5  # mean cosine of the phases of frames of nearly equal parts, at least
@@ -73,28 +74,25 @@ def find_conversion(theta: np.ndarray, rate_hz: float, blended: np.ndarray | Non
     number = number[np.isfinite(theta[number]).all(1)]
     mixing = [] if blended is None or not blended.any() else _mixing_patterns(theta, blended, rate_hz)
     for patterns, mixed in ((mixing, True), (_patterns(rate_hz), False)):
-        best = _fit(theta[number], number, patterns)
+        best = _fit(theta[number], number, patterns, NARROW if mixed else WIDE)
         if best is not None:
             return _at_source(best, len(theta), rate_hz, mixed)
     return None
 
 
-def _fit(theta: np.ndarray, number: np.ndarray, patterns: Iterable[Pattern]) -> Pattern | None:
+def _fit(theta: np.ndarray, number: np.ndarray, patterns: Iterable[Pattern], wide: float) -> Pattern | None:
     """The pattern that angles (n, k) of the file's frames ``number`` (n,) misfit least, and not too much; of nearly
-    equal ones the first."""
-    even = off_cubic(theta, number.astype(float))
+    equal ones the first.  Frames ``wide`` intervals apart tell nothing."""
+    even = off_cubic(theta, number.astype(float), wide)
     best, least = None, np.inf
     for pattern in patterns:
         shown = _number_shown(number, pattern)
         kept = np.diff(shown, prepend=shown[0] - 1) > 0
-        if (
-            kept.sum() < ENOUGH
-            or not _are_still(theta, kept, NEARLY_STILL if pattern.told else STILL)
-            or not (pattern.told or even > LIVELY)
-        ):
+        most, still = (NO_WORSE, NEARLY_STILL) if pattern.told else (BETTER, STILL)
+        if not (pattern.told or even > LIVELY) or kept.sum() < ENOUGH or not _are_still(theta, kept, still):
             continue
-        left = off_cubic(theta[kept], shown[kept].astype(float))
-        if left < (NO_WORSE if pattern.told else BETTER) * even and left < 0.99 * least:
+        left = off_cubic(theta[kept], shown[kept].astype(float), wide)
+        if left < most * even and left < 0.99 * least:
             best, least = pattern, left
     return best
 
@@ -167,13 +165,14 @@ def _are_still(theta: np.ndarray, kept: np.ndarray, most: float) -> bool:
     return not len(still) or bool(still.mean() < most * moving.mean())
 
 
-def off_cubic(theta: np.ndarray, t: np.ndarray) -> float:
-    """Mean distance in rad of each angle from the cubic through its four neighbours, times (n,) in any unit."""
+def off_cubic(theta: np.ndarray, t: np.ndarray, wide: float = WIDE) -> float:
+    """Mean distance in rad of each angle from the cubic through its four neighbours, times (n,) in any unit, where
+    these are less than so many intervals apart."""
     if len(theta) < ENOUGH:
         return 0.0
     step = turns(theta)
     around = np.stack([-step[:-3] - step[1:-2], -step[1:-2], step[2:-1], step[2:-1] + step[3:]], axis=1)
     rows = np.arange(len(theta) - 4)[:, None] + np.array([0, 1, 3, 4])
     off = np.einsum("nm,nmk->nk", lagrange(t[rows], t[2:-2]), around)
-    far = np.linalg.norm(off, axis=1)[t[4:] - t[:-4] < WIDE * np.median(np.diff(t))]
+    far = np.linalg.norm(off, axis=1)[t[4:] - t[:-4] < wide * np.median(np.diff(t))]
     return float(np.nanmean(far)) if np.isfinite(far).any() else 0.0
