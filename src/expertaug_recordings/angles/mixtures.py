@@ -57,10 +57,17 @@ def unmix(place: np.ndarray, number: np.ndarray, later: np.ndarray) -> tuple[np.
     half = halves[int(left.argmin())] if left.min() < BETTER * left[0] else halves[0]
     moved = place.copy()
     moved[rows] = _moved_back(part, at, share, half)
-    step = np.linalg.norm(np.gradient(moved[rows, 1:], at, axis=0), axis=2)
+    step = np.linalg.norm(_to_other(moved[rows, 1:], at, share), axis=2)
     off = np.where(step < TOUCHING * half, OFF * np.minimum(half, step / SAME) * np.abs(share), 0.0)
     error[rows] = np.stack((off[:, 0], np.hypot(*off.T)), axis=1) / arm
     return moved, error
+
+
+def _to_other(place: np.ndarray, number: np.ndarray, later: np.ndarray) -> np.ndarray:
+    """Steps (n, m, 2) in px forwards in time between the two images of places (n, m, 2): to the source's next frame
+    where the middle is later, (n, 1), and from the one before elsewhere."""
+    step = np.diff(place, axis=0) / np.diff(number)[:, None, None]
+    return np.where(later[..., None] > 0, np.append(step, step[-1:], axis=0), np.append(step[:1], step, axis=0))
 
 
 def _angles(place: np.ndarray) -> np.ndarray:
@@ -73,7 +80,7 @@ def _moved_back(place: np.ndarray, number: np.ndarray, later: np.ndarray, half: 
     followed at a step of ``half`` px; ``later`` (n, 1)."""
     moved = place.copy()
     for _ in range(PASSES):
-        step = np.gradient(moved[:, 1:], number, axis=0)
+        step = _to_other(moved[:, 1:], number, later)
         followed = later / (1 + (np.linalg.norm(step, axis=2) / half) ** 4)
         moved[:, 1:] = place[:, 1:] - followed[..., None] * step
     return moved
