@@ -28,6 +28,13 @@ def turns(theta: np.ndarray) -> np.ndarray:
     return np.angle(np.exp(1j * np.diff(theta, axis=0)))
 
 
+def step_of(theta: np.ndarray) -> np.ndarray:
+    """How far angles (n, k) in rad turn at each row, on a mean of both sides, (n, k); also where they are NaN."""
+    number = np.flatnonzero(np.isfinite(theta).all(1))
+    way = np.cumsum(np.abs(turns(theta[number])), axis=0)
+    return np.gradient(np.stack([np.interp(np.arange(len(theta)), number[1:], of) for of in way.T], axis=1), axis=0)
+
+
 def find_repeated(theta: np.ndarray) -> np.ndarray:
     """Frames (n,) that show what the one before showed, or what the next will, while the motion goes on round them.
 

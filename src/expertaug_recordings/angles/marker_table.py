@@ -11,7 +11,7 @@ import numpy as np
 from expertaug.errors import InputError
 from expertaug_recordings.angles.conversion import Conversion, find_conversion
 from expertaug_recordings.angles.even_times import find_dropped, find_repeated, resample
-from expertaug_recordings.angles.mixtures import late_by, whole_half
+from expertaug_recordings.angles.mixtures import late_by, unmix, whole_half
 from expertaug_recordings.angles.tearing import find_torn
 from expertaug_recordings.corrections import Correction, correct
 from expertaug_recordings.tables import BLENDED, MARKERS, PLACES, read_table
@@ -69,7 +69,7 @@ class Timing:
                 f" were left out: {UNTEAR}"
             )
         if self.blended:
-            what = f"{self.blended} of {frames} frames are mixtures of two, as converters of frame rates make them,"
+            what = f"{self.blended} frames are mixtures of two, as converters of frame rates make them,"
             doubts.append(
                 f"{what} and others are fainter ones: they were used, at times that are off by up to a frame; use the"
                 " original video"
@@ -204,7 +204,9 @@ def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable
     blended = reason == BLENDED
     half = whole_half(blended) if even else None
     if half is not None:
-        made = on_time(_rows(replace(seen, rate_hz=seen.rate_hz / 2), np.arange(half, len(t), 2)), even, rate_hz)
+        reason = np.where(blended, "", reason)  # none of the others is mixed
+        other = replace(seen, rate_hz=seen.rate_hz / 2, reason=reason)
+        made = on_time(_rows(other, np.arange(half, len(t), 2)), even, rate_hz)
         source_hz = made.timing.converted_from_hz or seen.rate_hz / 2
         return replace(made, timing=replace(made.timing, blended=int(blended.sum()), converted_from_hz=source_hz))
     most = bool(blended.mean() > MOST_BLENDED)
@@ -223,11 +225,11 @@ def on_time(seen: MarkerTable, even: bool, rate_hz: float | None) -> MarkerTable
     vector = np.stack((place[:, 1] - np.median(place[good, 0], axis=0), place[:, 2] - place[:, 1]), axis=1)
     theta = np.where(good[:, None], np.arctan2(vector[..., 0], vector[..., 1]), np.nan)
     timing = Timing(torn=int(torn.sum()), blended=int(blended.sum()), blended_used=most)
-    converted = find_conversion(theta, seen.rate_hz) if even else None
-    if blended.any():
-        seen = replace(seen, interpolation=late_by(theta, converted is not None))
+    converted = find_conversion(theta, seen.rate_hz, None if most else blended) if even else None
     if converted is not None:
         return _undo(seen, converted, good, rate_hz, timing)
+    if blended.any():
+        seen = replace(seen, interpolation=late_by(theta))
     repeated = find_repeated(theta)
     reason[repeated], quality[repeated] = REPEATED, 0.0
     good &= ~repeated
@@ -249,10 +251,16 @@ def _undo(
     """The frames of a converted recording that show something new, at their true times, and evenly between them."""
     source_hz = converted.source_hz
     shown = np.cumsum(~converted.repeated)
-    order = np.lexsort((~good, shown))  # of those that show the same one that is good first
+    # Of those that show the same a good one, and that which is the least mixed with another.
+    order = np.lexsort((np.abs(converted.later), ~good, shown))
     rows = order[np.unique(shown[order], return_index=True)[1]]
-    new = _rows(seen, rows)
+    new, good = _rows(seen, rows), good[rows]
     t = seen.t[0] + converted.t[rows]
+    if converted.later.any():
+        place = np.where(good[:, None, None], new.places, np.nan)
+        place, error = unmix(place, np.rint(converted.t[rows] * source_hz), converted.later[rows])
+        pivot, joint, tip = place.swapaxes(0, 1)
+        new = replace(new, pivot=pivot, joint=joint, tip=tip, interpolation=error)
     timing = replace(
         timing,
         repeated=int(converted.repeated.sum()),
@@ -261,7 +269,7 @@ def _undo(
         converted_from_hz=source_hz,
     )
     wanted = rate_hz or min(source_hz, seen.rate_hz)
-    return _resample(new, t, good[rows], wanted, timing)
+    return _resample(new, t, good, wanted, timing)
 
 
 def _rows(seen: MarkerTable, rows: np.ndarray) -> MarkerTable:

@@ -12,6 +12,7 @@ from expertaug_recordings.ibm import import_markers, list_marker_files
 from expertaug_recordings.rendering.motion import simulate
 from expertaug_recordings.reports.summary import run_stage as summarise
 from expertaug_recordings.settings import ImportMarkersJob, MeasureAnglesJob
+from nightly import others_slow
 
 STATE = ["theta1", "theta2", "omega1", "omega2"]
 
@@ -97,9 +98,11 @@ def test_a_lost_pivot_alone_costs_no_frame(tmp_path):
     assert np.abs(errors(angles, y)[:, 0]).max() < 0.004
 
 
-def test_gaps_are_filled_only_where_short(tmp_path):
+@pytest.mark.parametrize("seed", others_slow([7, 6, 0, 1, 2, 3, 4, 5], 2))
+def test_gaps_are_filled_only_where_short(tmp_path, seed):
+    """Speeds err more at a stretch's ends, where only the shortest window fits, and are stated to."""
     y = truth()[0, :1600]
-    table = markers(y)
+    table = markers(y, seed=seed)
     for start, length in ((500, 6), (1000, 30)):
         table.loc[start : start + length - 1, ["tip_x", "tip_y"]] = np.nan
         table.loc[start : start + length - 1, ["quality", "reason"]] = 0.0, "lost:blue"
@@ -110,9 +113,11 @@ def test_gaps_are_filled_only_where_short(tmp_path):
     assert (summary["gaps"], summary["longest_gap_frames"], summary["interpolated"]) == (1, 30, 6)
     assert summary["tracked_share"] == pytest.approx(1 - 36 / 1600)
     filled = (angles[STATE].to_numpy() - y)[500:506]
-    assert np.abs(np.angle(np.exp(1j * filled[:, :2]))).max() < 0.004 and np.abs(filled[:, 2:]).max() < 0.5
-    near = np.abs(errors(angles, y))
-    assert near[:, :2].max() < 0.005 and near[:, 2:].max() < 0.6
+    assert np.abs(np.angle(np.exp(1j * filled[:, :2]))).max() < 0.004 and np.abs(filled[:, 2:]).max() < 0.2
+    off, frame = np.abs(errors(angles, y)), np.flatnonzero(angles["quality"] == 1)
+    inside = (np.abs(frame[:, None] - [0, 1000, 1029, 1599]) >= 8).all(axis=1)
+    assert off[:, :2].max() < 0.005 and off[inside, 2:].max() < 0.5
+    assert (off[~inside] < 4 * angles[[f"{name}_std" for name in STATE]].to_numpy()[frame[~inside]]).all()
 
 
 def test_a_gap_in_which_an_arm_may_turn_is_never_filled(tmp_path):
