@@ -204,7 +204,12 @@ class Drawing:
     def band(
         self, model: Predictor, estimates: Estimates, windows: Windows, bound: Tensor | None, random: RandomStreams
     ) -> Tensor | None:
-        """The ends of the 90 % band of each state, without noise, (2, T', S, B, *state)."""
+        """The ends of the 90 % band of each state, without noise, (2, T', S, B, *state); None of fields, of which no
+        figure has one."""
+        if len(model.system.state_shape) > 1:  # type: ignore[attr-defined]
+            # Drawn all the same: later windows' numbers follow.
+            joint_draws(model, estimates, windows.observed(self.observed), self.count, random)
+            return None
         states = self.states(model, estimates, windows, bound, random)
         if states is None:
             return None

@@ -182,7 +182,7 @@ def score(
         torch.cat(medians) if medians else None,
         torch.cat(drawn, dim=1) if drawn else None,
         of_draws,
-        torch.cat(bands, dim=3).movedim(1, 3).cpu() if bands and len(system.state_shape) == 1 else None,
+        torch.cat(bands, dim=3).movedim(1, 3).cpu() if bands else None,
         *(_together([pair[k] for pair in stated]) for k in range(2)),
     )
 

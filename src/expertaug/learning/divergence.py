@@ -50,15 +50,17 @@ def bound_of_card(card: ModelCard, device: torch.device | str = "cpu") -> Tensor
 def within_bound(y: Tensor, bound: Tensor | None) -> Tensor:
     """Which samples (S, B) of forecasts y (T, S, B, *state) are finite and nowhere beyond a bound (K,) or (B, K)."""
     y = y.detach()
-    near = torch.isfinite(y)
-    if bound is not None:
-        near = near & (y.abs() <= _shape(bound, y))
-    return near.movedim(0, 2).flatten(2).all(-1)
+    if bound is None:
+        return torch.isfinite(y).movedim(0, 2).flatten(2).all(-1)
+    # The largest size first: NaN stays NaN, which no bound admits, and a field is read once.
+    return (y.abs().amax((0, *range(4, y.dim()))) <= bound.to(y)).all(-1)
 
 
 def clamp_to_bound(y: Tensor, bound: Tensor | None) -> Tensor:
     """Forecasts y (T, S, B, *state) with what lies beyond the bound (K,) or (B, K), or is no number, moved to it."""
     if bound is None:
+        return y
+    if y.device.type == "cpu" and within_bound(y, bound).all():  # the usual case; a card would be waited for
         return y
     limit = _shape(bound, y).expand_as(y)
     return torch.where(torch.isnan(y), limit, y.clamp(-limit, limit))
@@ -99,9 +101,14 @@ class BoundedSolver:
         if self.bound is None:
             return self.solver(f, y0, *args, **named)
         bound = self.bound if self.bound.dim() == 1 else self.bound.repeat(y0.shape[1] // len(self.bound), 1)
+        bound, on_cpu = bound.to(y0), y0.device.type == "cpu"
 
         def stopped(s: Tensor, y: Tensor, *side: Tensor) -> Tensor:
-            near = within_bound(y.unsqueeze(0), bound)
+            sizes = y.detach().abs()
+            near = (sizes.flatten(3).amax(-1) if y.dim() > 3 else sizes) <= bound  # not so of what is no number
+            if on_cpu and near.all():  # the usual case; a card would be waited for
+                return f(s, y, *side)
+            near = near.all(-1)
             return torch.where(near.view(*near.shape, *[1] * (y.dim() - 2)), f(s, y, *side), 0.0)
 
         return self.solver(stopped, y0, *args, **named)
