@@ -112,6 +112,12 @@ def test_shipped_files_are_valid(base, name, tmp_path):
             "refinement: {units: {omega0: shared}}",
         ),
         (
+            "{run: [x], experiments: {x: {based_on: pendulum_shift, refinement: {units: {omega0: shared}}, "
+            "augmentation: {prior: null}, augmented: []}}}",
+            "x.refined[0]: windows of 'aphynity' share parameters, and nothing says where their fits start; give "
+            "augmentation.prior",
+        ),
+        (
             "experiments: {recordings: {based_on: pendulum}}",
             "experiments.recordings: the results folder needs this name",
         ),

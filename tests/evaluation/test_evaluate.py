@@ -22,6 +22,7 @@ from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.settings import Scoring
 from expertaug.evaluation.tabulate import run_stage as tabulate
 from expertaug.models import store
+from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.systems.settings import SolverSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import SetFolder, Trajectories
@@ -63,6 +64,18 @@ def test_in_memory_it_gives_what_the_stage_writes_and_asks_for_a_set_at_a_time(f
     evaluation.forecasts.save(folder / "again.npz")
     assert (folder / "again.npz").read_bytes() == (folder / "model.npz").read_bytes()
     assert written.kept.keys() == evaluation.forecasts.kept.keys()
+
+
+def test_a_refined_version_has_the_constants_that_its_windows_share(folder):
+    """Fitted to the training windows, one of each seed; of other windows no other value is asked."""
+    settings = RefinementSettings(units={"omega0": "shared"}, starts=8)
+    how = Refinement.of(settings=settings, noise=0.01, prior={"omega0": [1.5, 3.1]})
+    job = asked("a~refined", "a, refined", Scoring(samples=2), refinement=how, sets=ALONE)
+    found = evaluation_module.evaluate(store.load(folder / "model.safetensors"), SetFolder(folder), job)
+    assert found.forecasts.shared.keys() == {"omega0"}
+    estimates = found.forecasts.sets["test"].z_e_hat
+    assert np.ptp(estimates[..., 0], axis=-1) == pytest.approx(0.0, abs=1e-6)
+    assert 1.5 < estimates[..., 0].mean() < 3.1
 
 
 def test_a_model_without_the_expert_has_no_parameter_error(folder, tmp_path):

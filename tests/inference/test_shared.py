@@ -92,6 +92,31 @@ def test_units_that_cannot_be(units, says):
         fitted(swings(3), units=units)
 
 
+@pytest.fixture(scope="module")
+def trained():
+    """A hybrid model, two seeds of it, whose F_a has learned next to nothing."""
+    sets = [replace(data, z_e=data.z_e[:, :1]) for data in (swings(10, 3, alpha=0.0), swings(4, 4, alpha=0.0))]
+    encoder = {"kind": "recurrent", "hidden": 4, "layers": [4]}
+    interaction = {"kind": "mlp", "layers": [4], "components": ["omega"], "start": 0.001}
+    recipe = ea.HybridModel(ea.DampedPendulum(), encoder, interaction)
+    return ea.fit(recipe, *sets, observed_s=END, seeds=(0, 1), epochs=1, batch_size=5)
+
+
+def test_windows_of_one_apparatus_refine_a_trained_model_together(trained):
+    """One constant for each seed's F_a, in which all windows agree."""
+    data = swings(12, seed=7, omega0=1.3, alpha=0.0)
+    data = replace(data, z_e=data.z_e[:, :1])
+    each = trained.refined(noise=NOISE, prior={"omega0": (1.0, 3.0)})
+    one = each.together(data, units={"omega0": "shared"})
+    constant, window = one.refinement.shared["omega0"], data.seen[:, : trained.observed]
+    assert constant.seeds == pytest.approx([1.3, 1.3], abs=0.03) and constant.std < 0.02
+    alone, shared = (m.estimate(window, T[: trained.observed])["omega0"] for m in (each, one))
+    assert np.ptp(shared, axis=1) == pytest.approx(0.0, abs=1e-6)
+    assert np.abs(shared - 1.3).max() < np.abs(alone - 1.3).max()
+    with pytest.raises(InputError, match="are no fits of windows; give least squares, or an alternating or refined"):
+        trained.together(data, units={"omega0": "shared"})
+
+
 def test_a_trained_models_refinement_does_not_share_in_silence():
     model = fitted(swings(6))
     with pytest.raises(InputError, match=r"units\.omega0: shared, and its value is not known"):

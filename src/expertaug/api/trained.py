@@ -372,9 +372,9 @@ class TrainedModel:
         Raises:
             InputError: a model whose estimates are no fits of windows, nothing that is shared, or other times.
         """
-        if not self.stored.kind.fits_windows or self.refinement is None:
+        if self.refinement is None:
             problem = f"the estimates of {self.label} are no fits of windows"
-            raise InputError("model", problem, "give least squares or an alternating model")
+            raise InputError("model", problem, "give least squares, or an alternating or refined model (refined())")
         data = arguments.trajectories(data, "data")
         _ = self._windows(data.seen[:, : self.observed], data.t[: self.observed], data.u)
         overrides = RefinementSettings.from_mapping(options)

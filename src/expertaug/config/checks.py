@@ -12,6 +12,7 @@ from expertaug.config import jobs, options
 from expertaug.config.layers import overridden
 from expertaug.config.models import Common, Experiment, Method, Override
 from expertaug.config.recording_settings import is_single
+from expertaug.config.report_parameters import prior_of
 from expertaug.config.sources import wrong_measurements
 from expertaug.errors import InputError
 from expertaug.evaluation.products import Product
@@ -303,6 +304,12 @@ def _check_shared(
             problem = f"'{method}' fits what windows share, and nothing is said to be shared"
             first = next(iter((system.expert if system is not None else None) or ()), "NAME")
             yield InputError(f"{where}.methods[{k}]", problem, f"give refinement: {{units: {{{first}: shared}}}}")
+    for k, variant in enumerate(experiment.refined):
+        over = experiment.overrides.get(base(variant))
+        own = experiment if over is None else overridden(experiment, over)
+        if (own.refinement.units or own.refinement.population) and prior_of(own.augmentation) is None:
+            problem = f"windows of '{variant}' share parameters, and nothing says where their fits start"
+            yield InputError(f"{where}.refined[{k}]", problem, "give augmentation.prior")
 
 
 def _estimator(methods: dict[str, Method], method: str) -> type[EstimatorKind]:

@@ -228,16 +228,17 @@ def _estimator(config: Configuration, experiment: str, variant: str) -> dict[str
     settings = config.experiment_of(experiment, version.method)
     return {
         "refinement": {
-            "settings": _fit(settings, kind.shares),
+            "settings": _fit(settings, kind.shares, version.is_refined),
             "noise": _noise(settings),
             "prior": _prior(settings.augmentation),
         }
     }
 
 
-def _fit(experiment: Experiment, shares: bool = False) -> dict[str, Any]:
+def _fit(experiment: Experiment, shares: bool = False, refined: bool = False) -> dict[str, Any]:
     """How windows are fitted; what they share is told only to what shares it."""
-    return experiment.refinement.dump(exclude=() if shares else ("units", "sensors", "population"))
+    of_windows = ("sensors",) if refined else ("units", "sensors", "population")
+    return experiment.refinement.dump(exclude=() if shares else of_windows)
 
 
 def _name_known(config: Configuration, experiment: str, variant: str) -> dict[str, Any]:

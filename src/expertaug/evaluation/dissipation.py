@@ -21,6 +21,7 @@ from expertaug.evaluation.settings import DissipationJob
 from expertaug.evaluation.summary import mean_of, order_sets
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.inference.least_squares import refine_by, refinement_of
+from expertaug.inference.shared import on_training_windows
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.posterior import Estimates
@@ -182,6 +183,8 @@ def _losses(
     decoder = getattr(stored.model, "decoder", stored.model)
     estimator = stored.model
     if fitting is not None:
+        if refinement is not None:
+            fitting = on_training_windows(stored, fitting, sets["train"])
         estimator = refine_by(stored, fitting)
     observed, rows = stored.card.observed, []
     # Where z_e is the start, neither E nor F_e asks for it.

@@ -18,6 +18,7 @@ from expertaug.evaluation.score import Scored, score
 from expertaug.evaluation.settings import EvaluateJob
 from expertaug.inference.flow import StoredModel, load
 from expertaug.inference.least_squares import refine_by, refinement_of, with_overdispersion
+from expertaug.inference.shared import on_training_windows
 from expertaug.models.store import device_of
 from expertaug.rows import write_csv
 from expertaug.tracking.log import Run, read_log
@@ -77,6 +78,8 @@ def evaluate(stored: StoredModel, sets: Mapping[str, Trajectories], job: Evaluat
     refinement = refinement_of(stored, job.refinement)
     train = cache(lambda: sets["train"])
     if refinement is not None:
+        if job.refinement is not None:
+            refinement = on_training_windows(stored, refinement, train())
         refinement = with_overdispersion(stored, refinement, train())
         stored = replace(stored, model=refine_by(stored, refinement), card=stored.card.but(refinement=refinement))
     identity = (job.experiment, stored.card.system_name, job.method, job.label, job.preset)

@@ -288,13 +288,13 @@ def estimator_of(
     if not kind.has_expert:
         raise InputError("refinement", "a mean of the training set", "only models with an expert can be fitted")
     if missing := sorted(set(options.shared) - set(shared or {})):
-        remedy = "only least squares with the expert alone and alternation share parameters: leave units out"
+        remedy = "windows tell it together, in Python by together(): leave units out here"
         raise InputError(f"units.{missing[0]}", "shared, and its value is not known", remedy)
     if missing := sorted(set(options.sensors or ()) - set(sensors or ())):
         remedy = "only least squares with the expert alone and alternation estimate sensors: leave it out"
         raise InputError(f"sensors.{missing[0]}", "its constants are not known", remedy)
     if options.population and population is None:
-        remedy = "only least squares with the expert alone and alternation estimate it: leave it out"
+        remedy = "windows tell it together, in Python by together(): leave it out here"
         raise InputError(f"population.{next(iter(options.population))}", "its distribution is not known", remedy)
     if kind.has_objective and card.latent is None:
         raise InputError("refinement", "the model file does not say where its z_a lie", "train it again")

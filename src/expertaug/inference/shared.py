@@ -364,6 +364,16 @@ def fit_shared_of_seeds(
     return refinement.model_copy(update=changes)
 
 
+def on_training_windows(stored: StoredModel, refinement: Refinement, train: Trajectories) -> Refinement:
+    """The refinement of a trained model with what its settings say that windows share, as each seed's F_a and the
+    training windows tell it; the same where they share nothing.
+
+    Raises:
+        InputError: as of :func:`fit_shared`.
+    """
+    return fit_shared_of_seeds(stored, refinement, train) if refinement.settings.shares else refinement
+
+
 def _rounds(system: System, refinement: Refinement) -> int:
     """How often the noise is estimated anew: where nobody gave it, sensors are estimated, and each observed quantity is
     a component."""

@@ -439,8 +439,8 @@ class RefinementSettings(Settings):
         LEFT_OUT,
         "to what each expert parameter belongs: window = each window has its own; trajectory = all training windows of "
         "a trajectory have one; shared = all windows have one, fitted to the training windows together; left out = "
-        "window. Of methods of kind least_squares_shared and alternating_shared alone: of all others each window has "
-        "its own",
+        "window. Of methods of kind least_squares_shared and alternating_shared and of refined versions alone: of all "
+        "others each window has its own",
     )
     population: dict[str, Literal["normal", "lognormal"]] = key(
         LEFT_OUT,
