@@ -1,5 +1,6 @@
 """Parameters that all windows share: the minimum and its errors, and forecasts that have them."""
 
+import copy
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,8 @@ from expertaug.cli import main
 from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.errors import InputError
-from expertaug.inference.shared import groups_of
+from expertaug.inference.shared import groups_of, on_training_windows
+from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 
@@ -115,6 +117,17 @@ def test_windows_of_one_apparatus_refine_a_trained_model_together(trained):
     assert np.abs(shared - 1.3).max() < np.abs(alone - 1.3).max()
     with pytest.raises(InputError, match="are no fits of windows; give least squares, or an alternating or refined"):
         trained.together(data, units={"omega0": "shared"})
+
+
+def test_a_seed_that_failed_has_the_others_constant(trained):
+    model, data = copy.deepcopy(trained.stored.model), swings(6, seed=7, omega0=1.3, alpha=0.0)
+    for parameter in model.parameters():
+        parameter.data[1] = torch.nan
+    stored = replace(trained.stored, model=model, card=trained.stored.card.but(failed=[1]))
+    settings = RefinementSettings(units={"omega0": "shared"})
+    how = Refinement.of(settings=settings, noise=NOISE, prior={"omega0": [1.0, 3.0]})
+    both, alone = (on_training_windows(s, how, data).shared["omega0"] for s in (stored, trained[0].stored))
+    assert both.seeds == [both.value, both.value] and both.value == alone.value and both.error == alone.std
 
 
 def test_a_trained_models_refinement_does_not_share_in_silence():

@@ -11,7 +11,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -338,14 +338,16 @@ def _populations(
 def fit_shared_of_seeds(
     stored: StoredModel, refinement: Refinement, train: Trajectories, starts: Tensor | None = None
 ) -> Refinement:
-    """As :func:`fit_shared`, for each seed of a model with its own F_a: its constants have a value of each.
+    """As :func:`fit_shared`, for each seed of a model with its own F_a: its constants have a value of each, that of a
+    seed that failed being the others' mean.
 
     Arguments:
         stored: a model whose windows are fitted, stacked over S seeds.
         starts: coordinates (S, M) of the constants; None: the medians of fits of single windows.
     """
     each, seeds = [], len(stored.seeds)
-    for k in range(seeds):
+    trained = [k for k, seed in enumerate(stored.seeds) if seed not in stored.failed]
+    for k in trained:
         of_seed = StoredModel(select(stored.model, [k], seeds), stored.card.of_seeds([k]), stored.classes)
         each.append(fit_shared(of_seed, refinement.of_seeds([k]), train, None if starts is None else starts[k]))
     changes: dict[str, object] = {}
@@ -360,8 +362,23 @@ def fit_shared_of_seeds(
     if each[0].overdispersion is not None:
         changes["overdispersion"] = [fitted.overdispersion[0] for fitted in each]
     if isinstance(each[0].noise, Mapping):
-        changes["noise"] = {name: sum(fitted.noise[name] for fitted in each) / seeds for name in each[0].noise}
-    return refinement.model_copy(update=changes)
+        changes["noise"] = {name: sum(fitted.noise[name] for fitted in each) / len(each) for name in each[0].noise}
+    places = [trained.index(k) if k in trained else None for k in range(seeds)]
+    return refinement.model_copy(update={name: _at(value, places) for name, value in changes.items()})
+
+
+def _at(value: Any, places: Sequence[int | None]) -> Any:
+    """What was estimated of some seeds, as that of a group in which they have these places."""
+    if isinstance(value, Constant):
+        own = value.seeds or []
+        return value.model_copy(update={"seeds": [value.value if k is None else own[k] for k in places]})
+    if isinstance(value, Mapping):
+        return {name: _at(part, places) for name, part in value.items()}
+    if isinstance(value, SensorConstants | Population):
+        return value.model_copy(update={name: _at(part, places) for name, part in value})
+    if isinstance(value, list):
+        return [sum(value) / len(value) if k is None else value[k] for k in places]
+    return value
 
 
 def on_training_windows(stored: StoredModel, refinement: Refinement, train: Trajectories) -> Refinement:
