@@ -205,6 +205,8 @@ class Decoder(nn.Module):
         if solver.splits and type(system).linear_flow is not System.linear_flow:
             return False
         given = [x for x in (y0, z_e, context) if x is not None]
+        if any(x.dtype != y0.dtype for x in given):
+            return False
         parameters = () if interaction is None else interaction.parameters()
         width = 0 if interaction is None else interaction.width
         return any(x.requires_grad for x in (*given, *parameters)) and takes_adjoint(solver, y0, width)

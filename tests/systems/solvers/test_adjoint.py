@@ -65,6 +65,13 @@ def test_a_scheme_once_it_has_started_has_as_many_weights_as_its_order():
     assert len(scheme.states) == 51
 
 
+@pytest.mark.parametrize("t", [GRIDS["even"][:1], torch.linspace(0, 60, 600, dtype=torch.float64)])
+def test_no_steps_and_very_many_are_solved_with_a_graph(t):
+    field, solver = Field(), Solver("rk4")
+    states = solve_with_adjoint(solver, field.parts(), field.parts, field.y0, t)
+    assert torch.equal(states, solver(sum_of(field.parts()), field.y0, t))
+
+
 def test_a_field_that_is_another_one_the_second_time_is_solved_with_a_graph():
     field, calls, t, solver = Field(), [], GRIDS["even"], Solver("rk4")
 
@@ -104,6 +111,13 @@ def test_a_sample_that_runs_away_leaves_the_others_their_gradient():
     (expected,) = torch.autograd.grad(solver(sum_of(parts()), field.y0, t)[:, :, ::2].sum(), field.given[0])
     assert torch.allclose(found[:, ::2], expected[:, ::2], rtol=1e-9)
     assert torch.isfinite(found[:, ::2]).all()
+
+
+def test_where_precisions_differ_the_higher_one_stays():
+    decoder, t = Decoder(systems.load({"name": "pendulum"})), GRIDS["even"]
+    z_e = torch.full((3, 1), 2.0, dtype=torch.float64, requires_grad=True)
+    states = decoder.forecast(torch.ones(3, 2), z_e, torch.zeros(3, 0), t, Solver("ab5"))
+    assert states[1:].dtype == torch.float64 and type(states.grad_fn).__name__ != "_AdjointBackward"
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ Rates = Callable[[Tensor, Tensor], Tensor]
 EXPLICIT = tuple(method for method in FIXED if method != "rodas3")
 LARGEST = 8  # components of a state: a Jacobian has their square
 NUMBERS = 2**15  # made of all states at a time: where there are more, arithmetic takes the time, and a graph has less
+EVALUATIONS = 2048  # of a solve, at most: a scheme is found from as many numbers squared
 ROUNDING = 1e-12
 EQUAL = 1e-4  # of a rate's size in its sample: by how much one computed again may differ
 
@@ -50,8 +51,8 @@ class Scheme:
     states: tuple[int, ...]
 
     @classmethod
-    def of(cls, solver: Solver, t: Tensor) -> Scheme:
-        """Of a solver with explicit steps on the grid t (T,)."""
+    def of(cls, solver: Solver, t: Tensor) -> Scheme | None:
+        """Of a solver with explicit steps on the grid t (T,); None where they are none, or too many."""
         times: list[Tensor] = []
 
         def still(s: Tensor, y: Tensor) -> Tensor:
@@ -59,6 +60,8 @@ class Scheme:
             return torch.zeros_like(y)
 
         solver(still, torch.zeros(1, dtype=torch.float64), t)
+        if not 0 < len(times) <= EVALUATIONS:
+            return None
         units, points = iter(torch.eye(len(times), dtype=torch.float64)), []
 
         def unit(s: Tensor, y: Tensor) -> Tensor:
@@ -117,7 +120,7 @@ def _within(weights: np.ndarray) -> tuple[int, np.ndarray]:
 
 
 @lru_cache(maxsize=64)  # a training's window grows: so many grids
-def _scheme(method: str, substeps: int, t: tuple[float, ...], dtype: torch.dtype) -> Scheme:
+def _scheme(method: str, substeps: int, t: tuple[float, ...], dtype: torch.dtype) -> Scheme | None:
     return Scheme.of(Solver(method, substeps=substeps), torch.tensor(t, dtype=dtype))
 
 
@@ -185,6 +188,8 @@ def solve_with_adjoint(
             states (…, B·E, K).
     """
     field, scheme = sum_of(parts), _scheme(solver.method, solver.substeps, tuple(t.tolist()), t.dtype)
+    if scheme is None:
+        return solver(field, y0, t)
     count = len(scheme.times)
     with torch.no_grad():
         points, rates = scheme.steps(field, y0.detach())
