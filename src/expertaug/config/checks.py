@@ -307,7 +307,8 @@ def _check_shared(
     for k, variant in enumerate(experiment.refined):
         over = experiment.overrides.get(base(variant))
         own = experiment if over is None else overridden(experiment, over)
-        if (own.refinement.units or own.refinement.population) and prior_of(own.augmentation) is None:
+        told = own.refinement
+        if (told.shared or told.tied or told.population) and prior_of(own.augmentation) is None:
             problem = f"windows of '{variant}' share parameters, and nothing says where their fits start"
             yield InputError(f"{where}.refined[{k}]", problem, "give augmentation.prior")
 
