@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
 import yaml
 
 from expertaug.config import jobs, recording_settings, report_parameters, stage_settings
 from expertaug.config import load as config
+from expertaug.errors import InputErrors
 from expertaug.stages import STAGES, planned
 
 
@@ -109,6 +111,22 @@ def test_studies_change_only_the_jobs_that_they_need(base: dict) -> None:
     assert along["finetune"] == stage_settings.finetune(found, "plain", "aphynity+", group)
     assert along["finetune_epochs"] == [1, 10]
     assert report_parameters.tabulate(found, "plain") == report_parameters.tabulate(plain, "plain")
+
+
+def test_a_hybrid_s_constants_are_those_that_units_call_shared(base):
+    text = (
+        "{run: [pendulum], experiments: {pendulum: {methods: [aphynity, aphynity_shared, hvae_shared], augmented: "
+        "[hvae_shared], augmentations: {narrow: null, wide: null}, controls: [], flows: [], refined: "
+        "[aphynity_shared], refinement: {units: {omega0: UNIT}}}}}"
+    )
+    found = config.validate(config.merge(base, yaml.safe_load(text.replace("UNIT", "shared"))))
+    told = [stage_settings.train(found, "pendulum", name, "seeds_0_1_2") for name in ("aphynity_shared", "hvae_shared")]
+    assert all(job["shared"] == ["omega0"] and "refinement" not in job for job in told)
+    assert "shared" not in stage_settings.train(found, "pendulum", "aphynity", "seeds_0_1_2")
+    refined = stage_settings.evaluate(found, "pendulum", "aphynity_shared~refined", "seeds_0_1_2")
+    assert refined["refinement"]["settings"]["units"] == {"omega0": "shared"} and "own" not in refined
+    with pytest.raises(InputErrors, match=r"methods\[1\]: 'aphynity_shared' fits what windows share, and nothing is"):
+        config.validate(config.merge(base, yaml.safe_load(text.replace("UNIT", "window"))))
 
 
 def test_what_windows_share_is_told_only_to_what_shares_it(base):

@@ -10,8 +10,8 @@ from driven_sets import ENCODER, INTERACTION, OPTIONS, WIDER
 import expertaug as ea
 from expertaug.evaluation.forecasting import of_simulations
 from expertaug.inference.diagnostics.validity import refit
+from expertaug.models.fit_settings import RefinementSettings
 from expertaug.models.gaps import Gaps
-from expertaug.models.settings import RefinementSettings
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows, fill
 from seen import seen

@@ -22,7 +22,7 @@ from expertaug.evaluation.samples import Samples
 from expertaug.evaluation.settings import Scoring
 from expertaug.evaluation.tabulate import run_stage as tabulate
 from expertaug.models import store
-from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.models.fit_settings import Refinement, RefinementSettings
 from expertaug.systems.settings import SolverSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import SetFolder, Trajectories

@@ -10,7 +10,7 @@ from fake_windows import forecasts
 
 from expertaug.errors import InputError
 from expertaug.evaluation.forecasts import Forecasts, constants_of
-from expertaug.models.settings import Constant, Population, Refinement, RefinementSettings
+from expertaug.models.fit_settings import Constant, Population, Refinement, RefinementSettings
 
 
 @pytest.mark.parametrize(("form", "deviation"), [("normal", 0.5), ("lognormal", 3 * 1.133 * 0.533)])

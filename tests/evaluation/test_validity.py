@@ -11,7 +11,7 @@ from expertaug.evaluation import validity
 from expertaug.evaluation.settings import FittedVersion, ValidityJob
 from expertaug.inference.settings import ValiditySettings
 from expertaug.models.decoder import Decoder
-from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.models.fit_settings import Refinement, RefinementSettings
 from expertaug.systems.pendulum import DampedPendulum
 
 

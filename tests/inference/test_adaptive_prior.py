@@ -12,7 +12,8 @@ from expertaug.inference.adaptive_prior import adapt_prior, typical_ranges, wide
 from expertaug.inference.adaptive_prior import run_stage as stage
 from expertaug.inference.settings import FirstPriorJob
 from expertaug.learning.settings import Build, SolverOnly
-from expertaug.models.settings import PartsSettings, RefinementSettings
+from expertaug.models.fit_settings import RefinementSettings
+from expertaug.models.settings import PartsSettings
 from expertaug.stages.prior_file import read_ranges, with_ranges
 from expertaug.systems.double_pendulum import DoublePendulum
 from expertaug.systems.rlc import RLC

@@ -15,7 +15,8 @@ from expertaug.inference.settings import AlternateJob, AlternatingSettings
 from expertaug.learning.settings import Build
 from expertaug.learning.train import describe_recipe
 from expertaug.models import store
-from expertaug.models.settings import PartsSettings, Refinement, RefinementSettings
+from expertaug.models.fit_settings import Refinement, RefinementSettings
+from expertaug.models.settings import PartsSettings
 from expertaug.systems.settings import SolverSettings
 from expertaug.trajectories import Trajectories
 from seen import seen

@@ -19,7 +19,8 @@ from expertaug.learning.settings import TrainSettings
 from expertaug.learning.train import run_stage as train
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
-from expertaug.models.settings import PartsSettings, RefinementSettings
+from expertaug.models.fit_settings import RefinementSettings
+from expertaug.models.settings import PartsSettings
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.settings import SolverSettings
 from expertaug.systems.simulate import trajectories

@@ -1,6 +1,7 @@
 """Alternation where windows share parameters: the constants, their seeds, what a file holds, and resuming."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,8 +19,8 @@ from expertaug.inference import alternating
 from expertaug.inference.held_constants import HeldConstants
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
+from expertaug.models.fit_settings import Constant, Refinement, RefinementSettings, SensorConstants
 from expertaug.models.sensors import Sensors
-from expertaug.models.settings import Constant, Refinement, RefinementSettings, SensorConstants
 from expertaug.trajectories import Trajectories
 
 ROOT = Path(__file__).parents[2]
@@ -111,9 +112,29 @@ def test_ranges_are_found_and_a_name_that_is_none_is_refused():
         ea.alternate(ea.DampedPendulum(), F_A, *sets, refinement={"units": {"mass": "shared"}}, **options)
 
 
-def test_no_flow_draws_what_is_known(model):
-    with pytest.raises(ea.InputError, match="whose windows share parameters"):
-        ea.fit_posterior(model, seen(8, 1), prior=PRIOR, noise=NOISE)
+def test_a_flow_knows_what_is_shared_but_for_its_error(model, tmp_path):
+    """Whatever the window says, its draws are those of the constant; in estimates it is one value of all windows."""
+    short = {"steps": 4, "batch_size": 16, "pool": 32, "held_out": 32, "samples": 19, "layers": [16], "hidden": [8]}
+    flow = ea.fit_posterior(model, seen(8, 1), prior=PRIOR, noise=NOISE, **short)
+    constant = model.refinement.shared["omega0"]
+    width = math.sqrt(3) * math.hypot(constant.std, np.std(constant.seeds, ddof=1))
+    assert flow.stored.card.prior["omega0"] == pytest.approx((constant.value - width, constant.value + width))
+    window = seen(6, 7)
+    found = flow.forecast(window.y[:, : flow.observed], T).z_e["omega0"]
+    assert np.abs(found - constant.value).max() < 1.05 * width
+    (row,) = flow.estimates(window).itertuples()
+    assert (row.parameter, row.of) == ("omega0", "all windows (shared)")
+    flow.save(tmp_path / "flow.safetensors")
+    again = ea.load(tmp_path / "flow.safetensors").estimates(window)
+    assert (again.value[0], again.of[0]) == (row.value, row.of)
+
+
+def test_no_flow_knows_sensors(model):
+    scale = SensorConstants.of(scale=Constant(value=0.9, std=0.1))
+    sensed = model.stored.card.refinement.model_copy(update={"sensors": {"omega": scale}})
+    other = replace(model, stored=replace(model.stored, card=model.stored.card.but(refinement=sensed)))
+    with pytest.raises(ea.InputError, match="with constants of sensors"):
+        ea.fit_posterior(other, seen(8, 1), prior=PRIOR, noise=NOISE)
 
 
 @pytest.mark.slow

@@ -18,8 +18,8 @@ from expertaug.learning import train as train_stage
 from expertaug.learning.settings import SolverOnly, UntrainedOptions
 from expertaug.models import describe
 from expertaug.models.card import RecipeRecord
+from expertaug.models.fit_settings import Refinement, RefinementSettings
 from expertaug.models.posterior import Estimates, unconstrain
-from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.presets import Choices
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.rlc import RLC

@@ -11,7 +11,7 @@ import expertaug as ea
 from expertaug.errors import InputError
 from expertaug.evaluation.forecasts import Forecasts, constants_of
 from expertaug.inference.population import PopulationPull, correlation_time, distribution
-from expertaug.models.settings import Constant, Population
+from expertaug.models.fit_settings import Constant, Population
 from nightly import others_slow
 
 BOTH = {"omega0": "trajectory", "alpha": "shared"}

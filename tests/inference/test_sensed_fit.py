@@ -17,7 +17,7 @@ from expertaug.config import report_parameters, stage_settings
 from expertaug.errors import InputError, InputErrors
 from expertaug.evaluation.forecasts import Forecasts
 from expertaug.inference.sensed_fit import SensorCoordinates
-from expertaug.models.settings import Constant, SensorConstants
+from expertaug.models.fit_settings import Constant, SensorConstants
 from expertaug.systems import Parameter, System
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
@@ -126,6 +126,40 @@ def test_windows_with_gaps():
     assert found["theta"].offset.value == pytest.approx(OFFSET, abs=4 * found["theta"].offset.std)
 
 
+CURVE = {"theta": {"quadratic": "shared", "cubic": "shared"}}
+
+
+def bent(n, seed=0, quadratic=0.08, cubic=-0.1):
+    """Windows of one pendulum whose angle a sensor shows that is not straight."""
+    made = swings(n, seed, noise=0.0, scale=1.0, offset=0.0)
+    theta = made.y[..., 0]
+    y = np.stack((theta + quadratic * theta**2 + cubic * theta**3, made.y[..., 1]), -1)
+    return replace(made, y=y + NOISE * np.random.default_rng(seed).normal(size=y.shape))
+
+
+def test_a_sensor_that_is_not_straight_is_learned_from_the_equation():
+    train, new = bent(20), bent(30, seed=5)
+    straight, curved = fitted(train, sensors=None), fitted(train, sensors=CURVE)
+    found = curved.stored.card.refinement.sensors["theta"]
+    for name, true in (("quadratic", 0.08), ("cubic", -0.1)):
+        one = getattr(found, name)
+        assert one.std < 0.2 * abs(true) and one.value == pytest.approx(true, abs=3.5 * one.std), name
+    assert log_mse(curved, new) < log_mse(straight, new) - 1.0
+    forecast = curved.forecast(new.seen[:, : curved.observed], T)
+    assert np.median(forecast.chi2) == pytest.approx(1.0, abs=0.25)
+    rows = curved.estimates(train).set_index("parameter")
+    assert rows.loc["quadratic of theta"].unit == "1/rad" and rows.loc["cubic of theta"].unit == "1/rad2"
+
+
+def test_a_curve_that_turns_back_within_what_was_measured_is_refused():
+    data = bent(12, quadratic=0.0, cubic=0.0)
+    sensors = SensorCoordinates.of(RUBBED, [("theta", "cubic")], torch.from_numpy(data.y).unsqueeze(1))
+    windows = torch.from_numpy(data.y).movedim(1, 0).unsqueeze(1)
+    sensors.check_curves(torch.tensor([-0.01], dtype=torch.float64), windows)
+    with pytest.raises(InputError, match=r"refinement\.sensors\.theta\.cubic: the curve .* turns back near theta ="):
+        sensors.check_curves(torch.tensor([-1.0], dtype=torch.float64), windows)
+
+
 class Spring(System):
     """x'' = −k x: a scale of both components is seen in nothing."""
 
@@ -163,7 +197,7 @@ def test_constants_that_windows_hardly_tell_are_warned_of(caplog):
     ("sensors", "says"),
     [
         ({"speed": {"scale": "shared"}}, r"sensors\.speed: 'speed' is no component of the state; known: theta, omega"),
-        ({"omega": {}}, r"sensors\.omega.*names nothing; give scale: shared, offset: shared, or both"),
+        ({"omega": {}}, r"sensors\.omega.*names nothing; give one or some of scale, offset, quadratic, cubic: shared"),
         ({"omega": {"scale": "window"}}, r"sensors\.omega\.scale"),
         ({"omega": {"gain": "shared"}}, r"sensors\.omega\.gain"),
     ],

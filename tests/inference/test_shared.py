@@ -17,7 +17,7 @@ from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.errors import InputError
 from expertaug.inference.shared import groups_of, on_training_windows
-from expertaug.models.settings import Refinement, RefinementSettings
+from expertaug.models.fit_settings import Refinement, RefinementSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 

@@ -10,8 +10,8 @@ from expertaug.errors import InputError
 from expertaug.inference.coordinates import LatentCoordinates
 from expertaug.inference.window_problem import WindowProblem, assumed_noise
 from expertaug.models.decoder import Decoder
+from expertaug.models.fit_settings import RefinementSettings
 from expertaug.models.posterior import Estimates
-from expertaug.models.settings import RefinementSettings
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.solvers.solver import Solver
 

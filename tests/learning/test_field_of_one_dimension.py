@@ -16,8 +16,9 @@ from expertaug.learning.settings import AugmentJob, Build, FinetuneJob, SolverOn
 from expertaug.learning.train import run_stage as train
 from expertaug.models import store
 from expertaug.models.describe import describe
+from expertaug.models.fit_settings import Refinement, RefinementSettings
 from expertaug.models.hybrid import HybridModel
-from expertaug.models.settings import PartsSettings, Refinement, RefinementSettings
+from expertaug.models.settings import PartsSettings
 from expertaug.systems.settings import SimulatedData, SimulatedSet, UserSystemSettings
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.log import read_log

@@ -119,6 +119,16 @@ BROKEN = {
         "length: found 500, the longest trajectory without a long gap has 200 points",
     ),
     "a step that does not divide": (good, {"step_s": 0.07}, r"step_s: found 0.07, rows are 0.05 s apart"),
+    "a formula of other columns": (
+        good,
+        {"columns": {"theta": {"name": "angle", "formula": "arcsin(volts)"}}},
+        r"columns.theta.formula: 'arcsin\(volts\)' names 'volts'; known: x",
+    ),
+    "a formula that is code": (
+        good,
+        {"columns": {"theta": {"name": "angle", "formula": "x.__class__"}}},
+        "columns.theta.formula: .* has 'x.__class__'; only",
+    ),
     "an unknown key": (good, {"lenght": 20}, "lenght: unknown key; did you mean 'length'"),
     "a quantity of nothing": (
         good,

@@ -13,7 +13,8 @@ from expertaug.errors import InputError, InputErrors
 from expertaug.inference.adaptive_prior import run_stage as own_prior
 from expertaug.inference.settings import FirstPriorJob
 from expertaug.learning.settings import Build
-from expertaug.models.settings import PartsSettings, RefinementSettings
+from expertaug.models.fit_settings import RefinementSettings
+from expertaug.models.settings import PartsSettings
 from expertaug.presets import resolve
 from expertaug.runs.own_classes import check_classes
 from expertaug.systems.base import Parameter

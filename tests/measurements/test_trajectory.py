@@ -26,6 +26,27 @@ def test_columns_are_converted_to_the_system_s_units(tmp_path):
     assert np.allclose(chunk.y[0], y[:20], atol=1e-6) and chunk.t[1] == pytest.approx(0.05)
 
 
+def test_a_formula_calibrates_a_column_before_its_factor(tmp_path):
+    y = swing(1.0)
+    path = table(tmp_path / "a.csv", {"t": 0.05 * np.arange(200), "volts": 2.5 * np.sin(y[:, 0]) + 0.1})
+    column = Column(name="volts", formula="arcsin((x - 0.1) / 2.5)", factor=-1.0)
+    given = settings(path, trajectory=None, columns={"theta": column})
+    (rows,) = read([path], given, NAMES)
+    assert np.allclose(rows.y[:, 0], -y[:, 0], atol=1e-6)
+    wrong = column.model_copy(update={"formula": "arcsin(x)"})
+    with pytest.raises(InputError, match=r"'arcsin\(x\)' is not defined at 2\.\d+ \(row 2 of column 'volts'\)"):
+        read([path], settings(path, trajectory=None, columns={"theta": wrong}), NAMES)
+
+
+def test_a_unit_in_the_header_is_not_that_of_a_formula_s_values(tmp_path):
+    path = table(tmp_path / "a.csv", {"t": 0.05 * np.arange(200), "volts [V]": swing(1.0)[:, 0] / 3})
+    with pytest.raises(InputError, match=r"columns\.theta\.unit: missing: column 'volts \[V\]' tells V"):
+        read([path], settings(path, trajectory=None, columns={"theta": "volts [V]"}), NAMES)
+    column = Column(name="volts [V]", formula="180 / pi * 3 * x", unit="deg")
+    (rows,) = read([path], settings(path, trajectory=None, columns={"theta": column}), NAMES)
+    assert np.allclose(rows.y[:, 0], swing(1.0)[:, 0], atol=1e-6)
+
+
 def test_dates_are_times(tmp_path):
     times = pd.date_range("2024-05-31T12:00:00", periods=50, freq="250ms")
     path = table(tmp_path / "a.csv", {"when": [t.isoformat() for t in times], "angle": swing(1.0)[:50, 0]})

@@ -1,5 +1,6 @@
 """What a hybrid model is made of, and how a file says it."""
 
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -47,7 +48,10 @@ def test_a_description_makes_the_same_recipe():
         },
         "expert": True,
         "interaction": True,
+        "shared": [],
     }
+    shared = replace(recipe, shared=("L",))
+    assert recipe_of(SYSTEM, describe(shared)).shared == ("L",)
     again = recipe_of(system_of(described), described)
     assert again.system.source_rad_s == 3.0
     assert same(again.build(TIMES, [0]), recipe.build(TIMES, [0]))

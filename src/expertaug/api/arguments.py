@@ -28,7 +28,7 @@ TIME_TOLERANCE = 1e-6  # of the observed window's length
 
 
 class RefinementOptions(TypedDict, total=False):
-    """How to refine; see :class:`expertaug.models.settings.RefinementSettings` for meaning and defaults."""
+    """How to refine; see :class:`expertaug.models.fit_settings.RefinementSettings` for meaning and defaults."""
 
     starts: int
     tries: int

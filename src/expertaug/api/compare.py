@@ -69,7 +69,7 @@ def compare(
         noise: standard deviation of the data's noise; ``estimated`` where the windows know theirs.
         priors: by expert, ranges [low, high] of its parameters in which fits start; None: they are found.
         start: ranges of first values of components that nobody measured.
-        options: see :class:`expertaug.models.settings.RefinementSettings`.
+        options: see :class:`expertaug.models.fit_settings.RefinementSettings`.
 
     Raises:
         InputError: fewer than two experts, experts of different states, a prior of none of them, a noise of zero, or

@@ -33,9 +33,10 @@ from expertaug.learning.settings import SolverOnly, UntrainedOptions
 from expertaug.learning.train import make_expert_alone
 from expertaug.models import describe
 from expertaug.models.card import RecipeRecord
+from expertaug.models.fit_settings import Refinement, RefinementSettings
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.observation_noise import GivenNoise
-from expertaug.models.settings import INTERACTION, Refinement, RefinementSettings
+from expertaug.models.settings import INTERACTION
 from expertaug.models.store import StoredModel
 from expertaug.presets import resolve
 from expertaug.settings import Settings
@@ -69,7 +70,7 @@ def least_squares(
             fits of the training windows that start around the parameters' typical sizes.
         noise: standard deviation of the data's noise; the first point is estimated too where there is any.
         start: ranges [low, high] of first values of components that nobody measured, in their units.
-        options: see :class:`expertaug.models.settings.RefinementSettings`; with ``units={"omega0": "shared"}`` all
+        options: see :class:`expertaug.models.fit_settings.RefinementSettings`; with ``units={"omega0": "shared"}`` all
             windows have one ω0, fitted once to the training windows together; with ``sensors={"omega": {"scale":
             "shared"}}`` the scale of the speed's sensor is estimated with it, and forecasts are what it shows.
 
@@ -152,9 +153,9 @@ def alternate(
         noise: standard deviation of the data's noise; the first point is estimated too where there is any.
         start: ranges [low, high] of first values of components that nobody measured, in their units.
         seeds: of initialisation and data order; they are trained as one batched computation.
-        refinement: how windows are fitted (:class:`expertaug.models.settings.RefinementSettings`); with ``units``, and
-            ``sensors``, as of :func:`expertaug.least_squares`: all windows share these constants, of which each seed
-            has its own beside its F_a.
+        refinement: how windows are fitted (:class:`expertaug.models.fit_settings.RefinementSettings`); with ``units``,
+            and ``sensors``, as of :func:`expertaug.least_squares`: all windows share these constants, of which each
+            seed has its own beside its F_a.
         options: see :class:`AlternatingOptions`; a ``latent`` of 0 makes F_a one for all windows.
 
     Returns:
@@ -208,7 +209,7 @@ def own_prior(
         noise: standard deviation of the data's noise.
         prior: ranges in which fits of the training windows start; None: at the model's own estimates.
         budget: without windows: by which factor the ranges are widened, at most.
-        options: see :class:`expertaug.models.settings.RefinementSettings`.
+        options: see :class:`expertaug.models.fit_settings.RefinementSettings`.
 
     Raises:
         InputError: windows of another shape, or least squares without a prior.

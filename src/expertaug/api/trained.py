@@ -32,9 +32,9 @@ from expertaug.learning.residuals import window_residual
 from expertaug.models import store
 from expertaug.models.card import MisfitRecord
 from expertaug.models.doubts import doubts_of
+from expertaug.models.fit_settings import Refinement, RefinementSettings
 from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.models.posterior import Estimates, Predictor
-from expertaug.models.settings import Refinement, RefinementSettings
 from expertaug.models.stacking import select
 from expertaug.models.store import StoredModel, device_of
 from expertaug.models.support import outside_support
@@ -281,7 +281,7 @@ class TrainedModel:
             parameters = [*self.system.expert_parameters, *(self.system.interaction_parameters if truth else ())]
             values, std = (None if v is None else v.cpu().double().numpy() for v in estimates.stated(truth))
             fit = self.refinement
-            shared = {} if fit is None else {name: constant.groups for name, constant in (fit.shared or {}).items()}
+            shared = (self.stored.card if fit is None else self.stored.card.but(refinement=fit)).shared_groups
             names, units = [p.name for p in parameters], [p.unit for p in parameters]
             ranges = fit.prior if fit is not None and isinstance(fit.prior, Mapping) else {}
             constants = constants_of(fit, *({p.name: p.unit for p in of} for of in (parameters, self.system.state)))
@@ -344,7 +344,7 @@ class TrainedModel:
             noise: standard deviation of the data's noise.
             prior: ranges [low, high] by parameter, in its unit, in which further starts lie; None: each fit starts from
                 the model's own estimate alone.
-            options: see :class:`expertaug.models.settings.RefinementSettings`.
+            options: see :class:`expertaug.models.fit_settings.RefinementSettings`.
 
         Raises:
             InputError: an option that cannot be used, or a model without an expert.

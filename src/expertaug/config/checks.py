@@ -222,7 +222,7 @@ def _versions(where: str, experiment: Experiment, methods: dict[str, Method]) ->
         "controls": (experiment.controls, lambda kind: kind.has_objective, "only hybrid methods can be trained on"),
         "flows": (
             experiment.flows,
-            lambda kind: kind.trains() and not kind.shares,
+            lambda kind: kind.trains(),
             "only methods of kind hybrid and alternating have a posterior",
         ),
     }
@@ -232,6 +232,13 @@ def _versions(where: str, experiment: Experiment, methods: dict[str, Method]) ->
             if not fits(_estimator(methods, method)):
                 problem = f"'{method}' is of kind {methods[method].kind}"
                 yield InputError(f"{where}.{block}[{k}]", problem, remedy)
+    for k, method in enumerate(experiment.flows):
+        if method in experiment.methods and _estimator(methods, method).fits_windows:
+            over = experiment.overrides.get(method)
+            own = experiment if over is None else overridden(experiment, over)
+            if _estimator(methods, method).shares and own.refinement.of_sensors:
+                problem = f"'{method}' has constants of sensors, which a flow does not know"
+                yield InputError(f"{where}.flows[{k}]", problem, "leave it out")
     if set(experiment.controls) & set(experiment.methods) and experiment.finetuning is None:
         yield InputError(f"{where}.finetuning", "missing", "methods under controls need it")
     for k, variant in enumerate(experiment.refined):
@@ -300,7 +307,8 @@ def _check_shared(
     for k, method in enumerate(experiment.methods):
         over = experiment.overrides.get(method)
         own = experiment if over is None else overridden(experiment, over)
-        if methods[method].estimator.shares and not own.refinement.shares:
+        kind, told = methods[method].estimator, own.refinement
+        if kind.shares and not (told.shares if kind.fits_windows else told.shared):
             problem = f"'{method}' fits what windows share, and nothing is said to be shared"
             first = next(iter((system.expert if system is not None else None) or ()), "NAME")
             yield InputError(f"{where}.methods[{k}]", problem, f"give refinement: {{units: {{{first}: shared}}}}")

@@ -18,7 +18,7 @@ from expertaug.evaluation.settings import Scoring
 from expertaug.inference.settings import AlternatingSettings, FlowSettings, ValiditySettings
 from expertaug.learning.settings import Build, MethodKeys, TrainSettings
 from expertaug.measurements.settings import MeasurementSettings
-from expertaug.models.settings import RefinementSettings
+from expertaug.models.fit_settings import RefinementSettings
 from expertaug.presets import NAMES, Choices, Preset
 from expertaug.settings import (
     LEFT_OUT,

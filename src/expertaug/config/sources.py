@@ -12,7 +12,7 @@ from expertaug.config.options import KnownSystem
 from expertaug.config.recording_settings import with_own
 from expertaug.errors import InputError
 from expertaug.measurements.paths import list_files, read_checksums
-from expertaug.measurements.settings import MeasurementSettings, column_of, label_of
+from expertaug.measurements.settings import Column, MeasurementSettings, column_of, label_of
 from expertaug.settings import check
 from expertaug.wording import is_multiple, unknown, unknown_keys, unknown_one
 from expertaug_recordings.corrections import read_corrections
@@ -239,6 +239,9 @@ def _columns(path: Path, settings: MeasurementSettings, where: str) -> None:
     used = {f"{where}.time": column_of(settings.time).name}
     used |= {f"{where}.columns.{name}": column_of(named).name for name, named in settings.columns.items()}
     used |= {f"{where}.inputs.{name}": column_of(named).name for name, named in settings.inputs.items()}
+    for block, entries in (("columns", settings.columns), ("inputs", settings.inputs)):
+        for name, column in entries.items():
+            _formula(column_of(column), f"{where}.{block}.{name}.formula")
     labels = {name: label_of(named) for name, named in settings.z_e.items()}
     used |= {f"{where}.z_e.{name}": label.name for name, label in labels.items() if label.name is not None}
     used |= {f"{where}.date": settings.date} if settings.date is not None else {}
@@ -253,6 +256,20 @@ def _columns(path: Path, settings: MeasurementSettings, where: str) -> None:
     for key, name in used.items():
         if name not in columns:
             raise InputError(key, f"'{path}' has no column '{name}'", f"its columns are {', '.join(columns)}")
+
+
+def _formula(column: Column, where: str) -> None:
+    """A column's formula must be arithmetic with its numbers.
+
+    Raises:
+        InputError: it is not.
+    """
+    from expertaug.measurements import expression
+
+    if column.formula is None:
+        return
+    if other := [name for name in expression.names(column.formula, where) if name != "x"]:
+        raise InputError(where, f"'{column.formula}' names '{other[0]}'", "the column's numbers are called x")
 
 
 def list_measurements(config: Configuration) -> dict[str, list[str]]:

@@ -37,13 +37,14 @@ def simulate(config: Configuration, experiment: str, name: str) -> dict[str, Any
 
 def train(config: Configuration, experiment: str, method: str, group: str) -> dict[str, Any]:
     settings, build = config.experiment_of(experiment, method), config.build_of(experiment, method)
-    model, training, prior = {}, _solver(settings.training), {}
+    model, training, prior, shared = {}, _solver(settings.training), {}, {}
     if build.parts:
         model = settings.model.dump(include=build.parts)
     if build.estimator.stage == Alternating.stage:
         training = settings.alternation.dump()
     elif build.estimator.has_objective:
         training = _with_own_options(settings.training, build)
+        shared = {"shared": settings.refinement.shared} if build.estimator.shares else {}
         if options.needs_prior(build.objective_kind, "objective"):
             prior = {"prior": _prior(settings.augmentation)}
     return {
@@ -52,6 +53,7 @@ def train(config: Configuration, experiment: str, method: str, group: str) -> di
         "build": build.dump(),
         "model": model,
         "training": training,
+        **shared,
         **prior,
         **_estimator(config, experiment, method),
         **({"snapshots": kept} if (kept := snapshots(config, experiment, method)) else {}),
@@ -159,7 +161,8 @@ def dissipation(config: Configuration, experiment: str) -> dict[str, Any]:
     versions = []
     for variant in dissipating(config, experiment):
         fit = _estimator(config, experiment, variant).get("refinement")
-        if config.methods[Version.parse(variant).method].estimator.shares:
+        kind = config.methods[Version.parse(variant).method].estimator
+        if kind.shares and kind.fits_windows:
             fit = None  # its file has the constants
         elif fit is not None and fit["prior"] == OWN:
             # What a fitted method starts within its file says; refined versions start at their own estimates then.
@@ -228,7 +231,7 @@ def _estimator(config: Configuration, experiment: str, variant: str) -> dict[str
     settings = config.experiment_of(experiment, version.method)
     return {
         "refinement": {
-            "settings": _fit(settings, kind.shares, version.is_refined),
+            "settings": _fit(settings, kind.shares and kind.fits_windows, version.is_refined),
             "noise": _noise(settings),
             "prior": _prior(settings.augmentation),
         }

@@ -22,10 +22,10 @@ from expertaug.learning.residuals import squared_errors
 from expertaug.models.card import LatentRecord, ModelCard
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimators import Alternating
+from expertaug.models.fit_settings import Constant, Refinement, RefinementSettings
 from expertaug.models.interactions.equation import EquationInteraction
 from expertaug.models.observation_noise import GivenNoise, is_some, noise_of
 from expertaug.models.posterior import Estimates, Predictor
-from expertaug.models.settings import Constant, Refinement, RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.models.terms import Term
 from expertaug.systems.solvers.solver import Solver

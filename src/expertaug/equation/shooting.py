@@ -28,10 +28,10 @@ from expertaug.inference.window_problem import WindowProblem
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback
 from expertaug.learning.residuals import squared_errors
 from expertaug.models.decoder import Decoder
+from expertaug.models.fit_settings import RefinementSettings
 from expertaug.models.interactions.equation import EquationInteraction
 from expertaug.models.observation_noise import NoiseLike
 from expertaug.models.posterior import Estimates
-from expertaug.models.settings import RefinementSettings
 from expertaug.models.terms import Term
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of

@@ -24,8 +24,8 @@ from expertaug.inference.least_squares import refine_by, refinement_of
 from expertaug.inference.shared import on_training_windows
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
+from expertaug.models.fit_settings import Refinement
 from expertaug.models.posterior import Estimates
-from expertaug.models.settings import Refinement
 from expertaug.models.store import device_of
 from expertaug.rows import frame, group_by
 from expertaug.systems import System

@@ -118,7 +118,6 @@ def evaluate(stored: StoredModel, sets: Mapping[str, Trajectories], job: Evaluat
     rows += [MetricRow(*identity, seed, "train", "wall_s", stored.card.wall_s) for seed in stored.seeds]
     system = stored.model.system
     parameters = [*system.expert_parameters, *(system.interaction_parameters if stored.card.truth else ())]
-    constants = {} if refinement is None else refinement.shared or {}
     forecasts = Forecasts(
         t=t,
         observed=stored.card.observed - 1,
@@ -133,7 +132,7 @@ def evaluate(stored: StoredModel, sets: Mapping[str, Trajectories], job: Evaluat
         estimated_names=[p.name for p in parameters],
         estimated_units=[p.unit for p in parameters],
         positive_names=[p.name for p in parameters if p.positive],
-        shared={name: constant.groups for name, constant in constants.items()},
+        shared=stored.card.shared_groups,
         constants=constants_of(refinement, *({p.name: p.unit for p in of} for of in (parameters, system.state))),
         version=VersionKey(job.experiment, job.preset, job.method),
         rank_draws=rank_draws,

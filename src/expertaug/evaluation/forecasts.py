@@ -16,7 +16,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, read_npz
-from expertaug.models.settings import Population, Refinement
+from expertaug.models.fit_settings import Population, Refinement
 
 REMEDY = "make it again with evaluate"
 OWN = "own"  # the set of windows that the version's models have made themselves
@@ -88,11 +88,18 @@ def constants_of(
             numbers = fitted.value, fitted.error, math.nan, fitted.groups, 1
             constants.append(ConstantEstimate(name, parameters[name], of, *numbers))
     for component, sensor in (refinement.sensors or {}).items():
-        for name, unit in (("offset", state[component]), ("scale", "")):
+        unit = state[component]
+        units = {"offset": unit, "scale": "", "quadratic": _per(unit), "cubic": _per(unit, "2")}
+        for name, of_constant in units.items():
             if (fitted := getattr(sensor, name)) is not None:
                 numbers = fitted.value, fitted.error, math.nan, 0, fitted.groups
-                constants.append(ConstantEstimate(f"{name} of {component}", unit, SHARED, *numbers))
+                constants.append(ConstantEstimate(f"{name} of {component}", of_constant, SHARED, *numbers))
     return constants
+
+
+def _per(unit: str, power: str = "") -> str:
+    """The inverse of a unit, or of its square."""
+    return f"1/{unit if unit.isalpha() else f'({unit})'}{power}" if unit else ""
 
 
 def _deviation(population: Population) -> float:

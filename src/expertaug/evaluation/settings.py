@@ -10,7 +10,7 @@ from expertaug.equation.settings import EquationSettings
 from expertaug.evaluation.products import STUDIES
 from expertaug.inference.settings import OwnWindows, ValiditySettings
 from expertaug.learning.settings import AugmentJob, FinetuneJob, LabelledJob, ModelFileJob
-from expertaug.models.settings import Refinement
+from expertaug.models.fit_settings import Refinement
 from expertaug.presets import Preset
 from expertaug.settings import LEFT_OUT, ByName, Count, Device, Noise, NotNegative, Range, Settings, key
 from expertaug.systems.settings import SolverSettings

@@ -22,7 +22,7 @@ from expertaug.evaluation.table import DASH, Study, Table, escape
 from expertaug.inference.diagnostics.validity import Refit, Validity, along, refit
 from expertaug.inference.flow import load
 from expertaug.inference.settings import ValiditySettings
-from expertaug.models.settings import Refinement
+from expertaug.models.fit_settings import Refinement
 from expertaug.models.store import StoredModel, device_of
 from expertaug.settings import given_ranges
 from expertaug.trajectories import SetFolder, Trajectories

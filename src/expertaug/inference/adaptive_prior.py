@@ -22,8 +22,8 @@ from expertaug.inference.least_squares import LeastSquares, estimator_of
 from expertaug.inference.settings import FirstPriorJob, OwnPriorJob, OwnWindows
 from expertaug.inference.simulations import LOST, draw_simulations
 from expertaug.learning.train import Calibration, describe_recipe, make_expert_alone
+from expertaug.models.fit_settings import RefinementSettings
 from expertaug.models.observation_noise import GivenNoise
-from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel, device_of
 from expertaug.systems import Parameter, System
 from expertaug.trajectories import SetFolder, Trajectories

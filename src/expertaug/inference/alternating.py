@@ -48,10 +48,10 @@ from expertaug.models import describe, store
 from expertaug.models.card import ModelCard, RecipeRecord
 from expertaug.models.decoder import Decoder
 from expertaug.models.estimators import Alternating, LeastSquares, SharedAlternating
+from expertaug.models.fit_settings import Constant, Refinement, RefinementSettings
 from expertaug.models.gaps import ends_of
 from expertaug.models.observation_noise import is_some, noise_of
 from expertaug.models.posterior import Estimates
-from expertaug.models.settings import Constant, Refinement, RefinementSettings
 from expertaug.models.support import support_of
 from expertaug.settings import given_ranges
 from expertaug.systems import System

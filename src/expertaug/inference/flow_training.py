@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import statistics
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,10 +23,11 @@ from expertaug.learning.objectives import Objective
 from expertaug.learning.trainer import Progress, Trainer, Training
 from expertaug.learning.training_data import StackedSet, Task, set_files, task_of
 from expertaug.models.card import ModelCard
+from expertaug.models.hybrid import HybridNet
 from expertaug.models.observation_noise import noise_of
 from expertaug.models.store import StoredModel, device_of, forecast_solver
 from expertaug.presets import Choices
-from expertaug.settings import given_ranges
+from expertaug.settings import Range, given_ranges
 from expertaug.systems import System
 from expertaug.systems.solvers.solver import Solver
 from expertaug.tracking.settings import Tracking
@@ -32,6 +35,7 @@ from expertaug.trajectories import Trajectories
 
 # Of the settings, what a model file says.
 KEPT = ("experiment", "method", "label", "preset", "choices", "flow")
+LEAST, SMALLEST = 1e-6, 1e-30  # half of a range, of its middle and at all
 
 
 def run_stage(model: Path, data: Path, output: Path, work: Path, settings: FlowJob, tracking: Tracking | None) -> None:
@@ -63,6 +67,8 @@ def fit_flow(
 ) -> StoredModel:
     """Learn the posterior of a trained model from its own draws; the model stays as it is.
 
+    What all windows share is known but for its error (:func:`given_what_is_shared`).
+
     Arguments:
         stored: a trained hybrid model, or one of kind alternating, whose fits the flow then amortises.
         train: the set that it was trained on.
@@ -72,7 +78,7 @@ def fit_flow(
         progress: is told of the training while it runs.
 
     Raises:
-        InputError: the model is no hybrid one, or its windows share parameters, the prior does not name its expert
+        InputError: the model is no hybrid one, or knows constants of sensors, the prior does not name its expert
             parameters, or draws are to begin anywhere and the system does not say where that is.
         SolveError: no seed can be trained.
     """
@@ -90,9 +96,10 @@ def prepare(
     base, device, prior = stored.card, stored.device, given_ranges(settings.prior)
     if not stored.kind.trains():
         raise InputError(where, f"a {base.kind} model", "a flow learns from a trained hybrid model")
-    if base.refinement is not None and base.refinement.settings.shares:
-        problem = f"a {base.kind} model, whose windows share parameters"
-        raise InputError(where, problem, "a flow draws every parameter anew: give a model without shared ones")
+    if base.refinement is not None and base.refinement.sensors:
+        problem = f"a {base.kind} model with constants of sensors"
+        raise InputError(where, problem, "a flow draws what the state shows: give a model without them")
+    prior = given_what_is_shared(stored, prior)
     options, choices, seeds = settings.flow, settings.choices, stored.seeds
     kind = type(stored.model.system)
     if options.resample_x and kind.resample_known is System.resample_known:
@@ -142,6 +149,36 @@ def prepare(
     trainer = FlowTrainer(estimator, simulator, held, options, name, base.failed or ())
     checked = None if validation is None else StackedSet.of(validation, device).windows(base.observed)
     return Training(trainer, card, stored.classes, checked=checked)
+
+
+def given_what_is_shared(stored: StoredModel, prior: Mapping[str, Range]) -> dict[str, Range]:
+    """p⁺ with the ranges of what all windows share as wide as its error says: of the same standard deviation, with the
+    spread of the seeds, each of whom has an F_a of its own; of a point estimate of a training the spread alone.
+
+    Arguments:
+        prior: ranges by expert parameter.
+    """
+    fitted = stored.card.refinement
+    values: dict[str, tuple[float, float]] = {}
+    for name, constant in ((fitted.shared if fitted is not None else None) or {}).items():
+        spread = statistics.stdev(constant.seeds) if constant.seeds and len(constant.seeds) > 1 else 0.0
+        values[name] = constant.value, math.hypot(constant.std, spread)
+    model = stored.model
+    if isinstance(model, HybridNet) and model.constants is not None:
+        with torch.no_grad():
+            of_seeds, errors = (part.double()[:, 0] for part in model.constants.stated)
+        errors = errors.mean(0) if stored.card.likelihood else torch.zeros_like(of_seeds[0])
+        between = of_seeds.std(0) if len(of_seeds) > 1 else torch.zeros_like(of_seeds[0])
+        widths = torch.hypot(errors, between).tolist()
+        values |= zip(stored.card.shared, zip(of_seeds.mean(0).tolist(), widths, strict=True), strict=True)
+    ranges = dict(prior)
+    for name, (value, error) in values.items():
+        half = max(math.sqrt(3.0) * error, LEAST * abs(value), SMALLEST)
+        low = value - half
+        if low <= 0 < value:  # of a positive parameter that may be nearly zero
+            low = min(value, prior[name][0])
+        ranges[name] = (low, value + half)
+    return ranges
 
 
 def _task(base: ModelCard, options: FlowSettings, device: torch.device, system: System) -> Task:

@@ -19,8 +19,8 @@ from expertaug.inference.joint_fit import minimise_together
 from expertaug.inference.least_squares import WindowFit
 from expertaug.inference.sensed_fit import SensedFit, SensorCoordinates
 from expertaug.models.decoder import Decoder
+from expertaug.models.fit_settings import Refinement
 from expertaug.models.sensors import Sensors
-from expertaug.models.settings import Refinement
 from expertaug.models.stacking import select
 from expertaug.systems import System
 

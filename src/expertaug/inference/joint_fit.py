@@ -17,7 +17,7 @@ from torch import Tensor
 from expertaug.inference.levenberg_marquardt import DAMPING, LESS, MORE, TIGHTEST, linearise, minimise
 from expertaug.inference.sensed_fit import SensedFit
 from expertaug.inference.window_problem import MEMORY, WindowProblem
-from expertaug.models.settings import Constant
+from expertaug.models.fit_settings import Constant
 
 STEPS = 60
 TOLERANCE = 1e-9  # of the cost: the windows together are at their minimum

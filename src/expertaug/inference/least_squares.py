@@ -26,10 +26,10 @@ from expertaug.inference.population import PopulationPull, overdispersion
 from expertaug.inference.window_problem import MEMORY, WindowProblem, assumed_noise
 from expertaug.learning.random_streams import RandomStreams
 from expertaug.models.decoder import Decoder
+from expertaug.models.fit_settings import Constant, Population, Refinement, RefinementSettings, SensorConstants
 from expertaug.models.observation_noise import GivenNoise, is_some, noise_of
 from expertaug.models.posterior import Estimates, Estimator, Gaussian, Posterior, Predictor, log_slope, unconstrain
 from expertaug.models.sensors import Sensors, check_components
-from expertaug.models.settings import Constant, Population, Refinement, RefinementSettings, SensorConstants
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
 from expertaug.systems import System

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from expertaug.models.settings import Population
+from expertaug.models.fit_settings import Population
 from expertaug.systems import System
 
 ROBUST = 1.4826  # a normal distribution's standard deviation over its median absolute deviation

@@ -11,15 +11,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from expertaug.errors import InputError
 from expertaug.inference.least_squares import WindowFit
 from expertaug.inference.levenberg_marquardt import LONGEST
+from expertaug.models.fit_settings import Constant, SensorConstants
 from expertaug.models.posterior import Estimates
-from expertaug.models.sensors import Sensors
-from expertaug.models.settings import Constant, SensorConstants
+from expertaug.models.sensors import Curve, Sensors
 from expertaug.systems import System
 
 logger = logging.getLogger(__name__)
-WEAK = 0.25  # standard error of a sensor's constant, of a scale or of the component's spread, which is told
+WEAK = 0.25  # standard error of a sensor's constant, as a coordinate, which is told
+POWERS = {"offset": 1, "quadratic": -1, "cubic": -2}  # of the component's unit
+TURNED = 0.01  # share of what was measured that may lie where a curve is flat
 
 
 def constants_from(values: Tensor, errors: Tensor, groups: np.ndarray) -> list[Constant]:
@@ -29,10 +32,11 @@ def constants_from(values: Tensor, errors: Tensor, groups: np.ndarray) -> list[C
 
 @dataclass(frozen=True)
 class SensorCoordinates:
-    """Constants of sensors that are estimated: logarithms of scales, offsets in units of the component's spread.
+    """Constants of sensors that are estimated, without units: logarithms of scales, offsets in the component's spread,
+    and by how much the curve departs from a straight line there.
 
     Attributes:
-        sought: component and name, scale or offset, of each.
+        sought: component and name of each.
         places: of their components in the state of K.
         units: standard deviation of each one's component over the windows, in its unit.
         components: K.
@@ -55,18 +59,35 @@ class SensorCoordinates:
         units = torch.tensor([spread or 1.0 for spread in spreads], dtype=torch.float64)
         return cls(sought, places, units, len(names), len(system.state_shape))
 
+    @property
+    def _is_scale(self) -> Tensor:
+        return self._named("scale")
+
+    def _named(self, wanted: str) -> Tensor:
+        return torch.tensor([name == wanted for _, name in self.sought], dtype=torch.bool)
+
+    @property
+    def _factors(self) -> Tensor:
+        """Units of the coordinates that are no logarithms, (M,)."""
+        powers = torch.tensor([POWERS.get(name, 0) for _, name in self.sought], dtype=torch.float64)
+        return self.units**powers
+
     def sensors(self, x: Tensor) -> Sensors:
         """Of coordinates (…, M)."""
         of_component = torch.nn.functional.one_hot(torch.tensor(self.places, dtype=torch.long), self.components).to(x)
-        is_scale = torch.tensor([name == "scale" for _, name in self.sought])
-        scale = (torch.where(is_scale, x, 0.0) @ of_component).exp()
-        return Sensors(scale, torch.where(is_scale, 0.0, x * self.units) @ of_component, self.axes)
+        scale = (torch.where(self._is_scale, x, 0.0) @ of_component).exp()
+
+        def constants(name: str) -> Tensor:
+            return torch.where(self._named(name), x * self._factors, 0.0) @ of_component
+
+        straight = not {name for _, name in self.sought} & {"quadratic", "cubic"}
+        curve = None if straight else Curve(constants("quadratic"), constants("cubic"))
+        return Sensors(scale, constants("offset"), self.axes, curve)
 
     def coordinates(self, constants: Mapping[str, SensorConstants]) -> Tensor:
         """Of constants in their units, by component: (M,)."""
         values = torch.tensor([getattr(constants[c], name).value for c, name in self.sought], dtype=torch.float64)
-        is_scale = torch.tensor([name == "scale" for _, name in self.sought], dtype=torch.bool)
-        return torch.where(is_scale, values.clamp_min(1e-30).log(), values / self.units)
+        return torch.where(self._is_scale, values.clamp_min(1e-30).log(), values / self._factors)
 
     def constants(self, x: Tensor, std: Tensor, groups: np.ndarray) -> dict[str, SensorConstants]:
         """The constants in their units, by component, of coordinates (M,) with their standard errors; what is hardly
@@ -75,8 +96,8 @@ class SensorCoordinates:
         Arguments:
             groups: numbers of the groups of windows that they are from.
         """
-        is_scale = torch.tensor([name == "scale" for _, name in self.sought])
-        values, slopes = torch.where(is_scale, x.exp(), x * self.units), torch.where(is_scale, x.exp(), self.units)
+        values = torch.where(self._is_scale, x.exp(), x * self._factors)
+        slopes = torch.where(self._is_scale, x.exp(), self._factors)
         each: dict[str, dict[str, Constant]] = {}
         for (component, name), constant, weak in zip(
             self.sought, constants_from(values, std * slopes, groups), (std > WEAK).tolist(), strict=True
@@ -86,6 +107,31 @@ class SensorCoordinates:
                 text = "sensors.%s.%s: %.3g (± %.2g): the windows hardly tell it; leave it out"
                 logger.warning(text, component, name, constant.value, constant.std)
         return {component: SensorConstants.of(**constants) for component, constants in each.items()}
+
+    def check_curves(self, x: Tensor, windows: Tensor) -> None:
+        """Refuse a curve that turns back within what was measured: there the state is not known.
+
+        Arguments:
+            x: coordinates (M,).
+            windows: what was measured, (T, 1, N, *state).
+
+        Raises:
+            InputError: of which sensor.
+        """
+        sensors = self.sensors(x)
+        if sensors.curve is None:
+            return
+        low, high = sensors.curve.ends
+        states, axis = sensors.state(windows), windows.dim() - self.axes
+        for (component, name), place in zip(self.sought, self.places, strict=True):
+            if name not in ("quadratic", "cubic"):
+                continue
+            column, (least, most) = states.select(axis, place), (float(low[place]), float(high[place]))
+            beyond = ((column <= least) | (column >= most)).sum() / (~column.isnan()).sum().clamp_min(1)
+            if float(beyond) > TURNED:
+                nearest = min((end for end in (least, most) if np.isfinite(end)), key=abs)
+                problem = f"the curve that was found turns back near {component} = {nearest:.3g}, which windows reach"
+                raise InputError(f"refinement.sensors.{component}.{name}", problem, "leave it out")
 
 
 class SensedFit:

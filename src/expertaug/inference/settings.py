@@ -15,7 +15,8 @@ from expertaug.learning.settings import (
     WindowKeys,
 )
 from expertaug.models.estimators import Alternating
-from expertaug.models.settings import Hidden, Refinement, RefinementSettings, Width
+from expertaug.models.fit_settings import Refinement, RefinementSettings
+from expertaug.models.settings import Hidden, Width
 from expertaug.settings import (
     LEFT_OUT,
     Count,

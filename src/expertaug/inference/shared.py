@@ -39,8 +39,8 @@ from expertaug.learning.train import Calibration, describe_recipe, make_untraine
 from expertaug.learning.training_data import set_files
 from expertaug.models import store
 from expertaug.models.card import RecipeRecord
+from expertaug.models.fit_settings import Constant, Population, Refinement, RefinementSettings, SensorConstants
 from expertaug.models.observation_noise import ESTIMATED
-from expertaug.models.settings import Constant, Population, Refinement, RefinementSettings, SensorConstants
 from expertaug.models.stacking import select
 from expertaug.models.store import StoredModel
 from expertaug.settings import given_ranges
@@ -168,6 +168,7 @@ def fit_shared(
         errors = std[: len(shared)] * slope[0, some]
         changes["shared"] = dict(zip(shared, constants_from(z_e[0, some], errors, groups), strict=True))
     if sought:
+        sensors.check_curves(x[0, 0, own:], whole.y.double())
         changes["sensors"] = sensors.constants(x[0, 0, own:], std[len(shared) :], groups)
     if together is not None:
         variances = together.variances(equations, places, dispersion.overdispersion)

@@ -26,10 +26,10 @@ from expertaug.inference.population import PopulationPull
 from expertaug.learning.divergence import FACTOR, forecast_or_fallback
 from expertaug.learning.residuals import differences
 from expertaug.models.decoder import Decoder, TruthDecoder
+from expertaug.models.fit_settings import Constant, RefinementSettings
 from expertaug.models.gaps import ends_of
 from expertaug.models.observation_noise import NoiseLike, of_observed, shape_as_state
 from expertaug.models.posterior import Estimates
-from expertaug.models.settings import Constant, RefinementSettings
 from expertaug.systems import System
 from expertaug.systems.inputs import inputs_of, states_of
 from expertaug.systems.solvers.solver import Solver

@@ -172,6 +172,8 @@ def generate(
 ) -> StackedSet:
     """One augmented sample for each of ``data``: x from the data, z_a ~ q(z_a | x, y), z_e ~ p⁺, y by the model.
 
+    What all windows share is not drawn: it is the model's constant.
+
     Arguments:
         model: stacked, trained; it is not changed.
         data: (T, 1, N, *state); only its observed window is used.
@@ -290,6 +292,7 @@ def _simulate(
         near = near + NEAR * (high - low).to(y0) * (random.uniform(y0.shape[1], len(low)) - 0.5)
         chosen = random.uniform(y0.shape[1], 1) < worst
         z_e = torch.where(chosen, near.clamp(low.to(y0), high.to(y0)), z_e)
+    z_e = model.held(z_e)
     return forecast_or_fallback(model, y0, z_e, z_a, task.t, task.solver, u), z_e
 
 

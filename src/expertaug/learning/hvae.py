@@ -83,9 +83,9 @@ class HybridVAE(Objective):
         sampled = self.choices.hvae_z_e == "sampled"
 
         window = batch.windows(task.observed)
-        posterior, first = encoder(model.seen(window), normal), model.start(window)
+        posterior, first = model.encode(window, normal), model.start(window)
         z_e = posterior.z_e.draw(normal) if sampled else posterior.z_e.mean
-        z_plus = low + (high - low) * noise.uniform(size, len(low))
+        z_plus = model.held(low + (high - low) * noise.uniform(size, len(low))).detach()
         start = model.system.initial_state(first, z_plus)
         largest = torch.maximum(*(x.abs().flatten(1).amax(1) for x in (y.movedim(1, 0).nan_to_num(), start)))
         limit, u = RUNAWAY * largest, batch.inputs(max(task.horizon, task.observed))
@@ -95,7 +95,9 @@ class HybridVAE(Objective):
 
         divergence = posterior.z_a.divergence()
         if sampled:
-            divergence = divergence + posterior.z_e.divergence(*raw_prior(model, self.prior))
+            each = posterior.z_e.divergences(*raw_prior(model, self.prior))
+            each = each if model.constants is None else each * model.constants.weights(each)
+            divergence = divergence + each.sum(-1)
         later = slice(1, task.horizon)
         errors, compared = squares(model.system, hybrid[later], y[later], batch.complete)
         count = compared if isinstance(compared, int) else compared.float().mean().clamp_min(1.0)

@@ -8,8 +8,9 @@ from pydantic import Field, model_validator
 
 from expertaug.models import estimators
 from expertaug.models.estimators import EstimatorKind
+from expertaug.models.fit_settings import Refinement
 from expertaug.models.settings import PARTS as MODEL_PARTS
-from expertaug.models.settings import PartsSettings, Refinement, SystemKeys
+from expertaug.models.settings import PartsSettings, SystemKeys
 from expertaug.presets import ROWS, Choices, Preset
 from expertaug.registry import Part, find, full_name
 from expertaug.settings import (
@@ -284,6 +285,7 @@ class RecipeKeys(Settings):
     system: SystemKeys = key(..., "name and arguments of the system")
     build: Build = key(..., "how the method is built")
     model: PartsSettings = key(..., "encoder and interaction")
+    shared: list[str] = key(list, "expert parameters that all windows share, of kind hybrid_shared alone")
 
     @model_validator(mode="after")
     def _system_of_the_method(self) -> Self:

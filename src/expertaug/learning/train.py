@@ -29,7 +29,7 @@ from expertaug.learning.trainer import Progress, Training, prepare_training
 from expertaug.learning.training_data import StackedSet, set_files, task_of
 from expertaug.models import describe, store
 from expertaug.models.card import ModelCard, RecipeRecord
-from expertaug.models.estimators import Hybrid, LeastSquares, estimator
+from expertaug.models.estimators import Hybrid, LeastSquares, SharedHybrid, estimator
 from expertaug.models.gaps import ranges_of
 from expertaug.models.hybrid import HybridModel
 from expertaug.models.store import device_of
@@ -118,6 +118,7 @@ def describe_recipe(settings: RecipeKeys, calibration: Calibration | None = None
         model=settings.model.to_json(),
         expert=build.has_expert,
         interaction=build.has_interaction,
+        shared=settings.shared,
     )
 
 
@@ -184,7 +185,7 @@ def prepare(
         check_keys(options.prior, [p.name for p in recipe.system.expert_parameters], "prior", "expert parameter")
     kind = objective_of(objective, classes)
     card = ModelCard.of(
-        kind=Hybrid.name,
+        kind=SharedHybrid.name if recipe.shared else Hybrid.name,
         **card_fields(train, recipe.system, options),
         **dict(described),
         likelihood=kind.learns_likelihood,

@@ -14,8 +14,11 @@ LONGEST = 500  # characters
 LARGEST = 1e300
 FUNCTIONS: Mapping[str, np.ufunc] = {
     name: getattr(np, name)
-    for name in ("abs", "sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "arctan2", "hypot", "sign")
-} | {"minimum": np.minimum, "maximum": np.maximum}
+    for name in (
+        *("abs", "sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "arcsin", "arccos", "arctan", "arctan2", "hypot"),
+        *("sign", "minimum", "maximum"),
+    )
+}
 CONSTANTS = {"pi": np.pi}
 BINARY: Mapping[type, Callable] = {
     ast.Add: operator.add,

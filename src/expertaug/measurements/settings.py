@@ -121,6 +121,16 @@ class Column(Settings):
     )
     factor: float = key(1.0, "what the column is multiplied by before its unit is converted")
     offset: float = key(0.0, "what is then added, before the conversion, in the column's unit")
+    formula: str | None = key(
+        None,
+        "what the column's numbers x are first replaced by, such as arcsin(x / 2.5): a calibration that is no straight "
+        "line; the unit is then that of its values. Functions and operations as of split.quantity",
+    )
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether its numbers stand as they are in the files."""
+        return self == Column(name=self.name, unit=self.unit)
 
 
 class Label(Settings):

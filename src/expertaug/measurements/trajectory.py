@@ -100,7 +100,7 @@ def check_half_told(table: Table, columns: Mapping[str, Column], state: Mapping[
     angular = [name for name, kind in kinds.items() if kind and kind.kind in ("angle", "angular speed")]
     said = {name: columns[name].unit or _unit_told(table, columns[name].name) for name in angular}
     other = [name for name in angular if (unit := parse(said[name] or "rad")) and unit.factor != 1.0]
-    silent = [n for n in angular if said[n] is None and (columns[n].factor, columns[n].offset) == (1.0, 0.0)]
+    silent = [n for n in angular if said[n] is None and columns[n].is_plain]
     if other and silent:
         column = columns[silent[0]].name
         problem = f"'{columns[other[0]].name}' is in {said[other[0]]}, and '{column}' has no unit"
@@ -205,11 +205,27 @@ def times_of(table: Table, settings: MeasurementSettings) -> np.ndarray:
 
 def _column(table: Table, column: Column, to: str, where: str) -> np.ndarray:
     place = f"{WHERE}.{where}.unit"
-    if column.unit is None and (column.factor, column.offset) == (1.0, 0.0):
+    if column.unit is None and column.is_plain:
         _refuse_another_unit(table, column.name, to, place)
     factor, summand = conversion(column.unit, to, place)
     numbers = table.numbers(column.name) if where == "time" else table.measured(column.name)
+    if column.formula is not None:
+        numbers = _calibrated(table, column.name, numbers, column.formula, f"{WHERE}.{where}.formula")
     return (numbers * column.factor + column.offset) * factor + summand
+
+
+def _calibrated(table: Table, name: str, numbers: np.ndarray, formula: str, where: str) -> np.ndarray:
+    """A formula's values at a column's numbers (n,), as x.
+
+    Raises:
+        InputError: it is none, or not defined where the column has a number.
+    """
+    values = expression.value(formula, {"x": numbers}, where)
+    if (undefined := np.flatnonzero(np.isnan(values) & ~np.isnan(numbers))).size:
+        row = undefined[0]
+        problem = f"'{formula}' is not defined at {numbers[row]:g} (row {table.line[row]} of column '{name}')"
+        raise InputError(table.path, problem, f"correct {where}, or say which numbers are none ({WHERE}.missing)")
+    return values
 
 
 def _refuse_another_unit(table: Table, name: str, to: str, place: str) -> None:

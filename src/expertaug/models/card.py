@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from expertaug.models.settings import Refinement
+from expertaug.models.fit_settings import Refinement
 from expertaug.presets import Choices, Preset
 from expertaug.settings import LEFT_OUT, Range, Settings, disagree, key, wrong
 from expertaug.systems.settings import SolverSettings
@@ -83,6 +83,7 @@ class RecipeRecord(Settings):
     model: PartsRecord = key(PartsRecord, "encoder and interaction")
     expert: bool = key(True, "whether there is one")
     interaction: bool = key(True, "whether there is a model of it")
+    shared: list[str] = key(list, "expert parameters that are constants of the model")
 
     @model_validator(mode="after")
     def _names_its_system(self) -> Self:
@@ -164,6 +165,15 @@ class ModelCard(RecipeRecord):
     def has_gaps(self) -> bool:
         """Whether windows may have values that were not measured."""
         return self.start is not None
+
+    @property
+    def shared_groups(self) -> dict[str, int]:
+        """Expert parameters that all windows share, with the number of independent groups of windows that each is
+        from; 1 where the model's training learned it."""
+        fitted = self.refinement or (self.base.refinement if self.base is not None else None)
+        if fitted is None or (self.refinement is None and not fitted.shared):
+            return dict.fromkeys(self.shared, 1)
+        return {name: constant.groups for name, constant in (fitted.shared or {}).items()}
 
     def but(self, **changes: Any) -> "ModelCard":
         """The same card with some keys otherwise; None takes one away."""

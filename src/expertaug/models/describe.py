@@ -55,6 +55,7 @@ def describe(recipe: HybridModel) -> RecipeRecord:
         model={name: settings_of(PARTS[name], value) for name, value in parts.items() if value is not None},
         expert=recipe.expert,
         interaction=recipe.interaction is not None,
+        shared=list(recipe.shared),
     )
 
 
@@ -84,6 +85,7 @@ def recipe_of(system: System, card: RecipeRecord, classes: Mapping[str, Callable
         _with_class(encoder, classes),
         interaction if interaction is None else _with_class(interaction, classes),
         card.expert,
+        tuple(card.shared),
     )
 
 

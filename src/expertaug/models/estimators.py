@@ -175,6 +175,15 @@ class Hybrid(EstimatorKind):
 
 
 @register
+class SharedHybrid(Hybrid):
+    """The same with constants in place of what windows share (:mod:`expertaug.models.shared_parameters`)."""
+
+    name = "hybrid_shared"
+    summary = "the same with constants, which are learned with it, for what refinement.units calls shared"
+    shares = True
+
+
+@register
 class Alternating(EstimatorKind):
     """An interaction model learned without an encoder, from fits of each window."""
 

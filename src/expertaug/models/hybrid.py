@@ -15,8 +15,9 @@ from expertaug.errors import InputError
 from expertaug.models.decoder import Decoder
 from expertaug.models.gaps import Gaps
 from expertaug.models.observation_noise import GaussianLikelihood
-from expertaug.models.posterior import Estimates, Posterior, Predictor
+from expertaug.models.posterior import Estimates, Normal, Posterior, Predictor
 from expertaug.models.settings import PARTS
+from expertaug.models.shared_parameters import SharedParameters
 from expertaug.models.stacking import Network, stack
 from expertaug.models.user_modules import encoder_of, interaction_of
 from expertaug.systems import System
@@ -32,16 +33,24 @@ class HybridNet(Predictor, nn.Module):
         encoder: observed window → posterior.
         decoder: (y0, z_e, z_a) → states.
         gaps: what stands for values of windows that were not measured (NaN); None: every value is measured.
+        constants: expert parameters that all windows share; None: each window has its own.
     """
 
     # Parameters of p_θ, which fine-tuning leaves alone, begin with one of these.
-    decoder_prefixes = ("decoder.",)
+    decoder_prefixes = ("decoder.", "constants.")
 
-    def __init__(self, encoder: nn.Module, decoder: Decoder, gaps: Gaps | None = None) -> None:
+    def __init__(
+        self,
+        encoder: nn.Module,
+        decoder: Decoder,
+        gaps: Gaps | None = None,
+        constants: SharedParameters | None = None,
+    ) -> None:
         super().__init__()
         self.encoder = encoder
         self.decoder = decoder
         self.gaps = gaps
+        self.constants = constants
 
     @property
     def system(self) -> System:
@@ -60,6 +69,8 @@ class HybridNet(Predictor, nn.Module):
         seen = self.seen(windows)
         self.encoder.fit(seen)  # type: ignore[operator]
         self.decoder.fit(states_of(self.system, seen))
+        if self.constants is not None:
+            self.constants.fit(seen.shape[1])
 
     def seen(self, windows: Windows) -> Tensor:
         """What the encoder sees of observed windows, (T1, …, B, *observed): without gaps, the known inputs as further
@@ -70,9 +81,15 @@ class HybridNet(Predictor, nn.Module):
         """The first points (…, B, *state) of observed windows, estimated where they were not measured."""
         return windows.y[0] if self.gaps is None else self.gaps.start(windows)
 
-    def encode(self, windows: Windows) -> Posterior:
-        """Observed windows → q(z_e, z_a)."""
-        return self.encoder(self.seen(windows))
+    def encode(self, windows: Windows, normal: Normal | None = None) -> Posterior:
+        """Observed windows → q(z_e, z_a); of an encoder in two steps q(z_e) given a sample of z_a by ``normal``."""
+        seen = self.seen(windows)
+        posterior = self.encoder(seen) if normal is None else self.encoder(seen, normal)
+        return posterior if self.constants is None else self.constants.posterior(posterior)
+
+    def held(self, z_e: Tensor) -> Tensor:
+        """Expert parameters (…, B, P) with those that all windows share at their constants."""
+        return z_e if self.constants is None else self.constants.held(z_e)
 
     def estimate(self, windows: Windows) -> Estimates:
         """Observed windows → the posterior's means, from the first point."""
@@ -107,12 +124,14 @@ class HybridModel:
             where it takes them.
         interaction: F_a in the same forms, given ``system`` and ``latent``, the size of z_a; None: the expert alone.
         expert: False takes F_e away and keeps the system's kinematics: the agnostic neural ODE.
+        shared: expert parameters that all windows share: constants of the model instead of estimates of the encoder.
     """
 
     system: System
     encoder: Part
     interaction: Part | None = None
     expert: bool = True
+    shared: Sequence[str] = ()
 
     def build(
         self,
@@ -149,7 +168,8 @@ class HybridModel:
             interaction = _interaction(self.system, self.interaction, encoder.latent, times)
         likelihood_model = GaussianLikelihood() if likelihood else None
         decoder = Decoder(self.system, interaction, self.expert, likelihood_model)
-        return HybridNet(encoder, decoder, None if start is None else Gaps(self.system, times, start))
+        constants = SharedParameters(self.system, self.shared) if self.shared else None
+        return HybridNet(encoder, decoder, None if start is None else Gaps(self.system, times, start), constants)
 
 
 def build_decoder(

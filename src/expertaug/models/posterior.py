@@ -141,10 +141,14 @@ class Gaussian(Distribution):
 
     def divergence(self, mean: Tensor | float = 0.0, std: Tensor | float = 1.0) -> Tensor:
         """(…,): KL divergence to Gaussians of ``mean`` and ``std`` (K,) in the unbounded space (and so in any)."""
+        return self.divergences(mean, std).sum(-1)
+
+    def divergences(self, mean: Tensor | float = 0.0, std: Tensor | float = 1.0) -> Tensor:
+        """The same of each component, (…, K)."""
         each = (torch.as_tensor(x, dtype=self.loc.dtype) for x in (mean, std))
         mean, std = (x.to(self.loc.device, non_blocking=True) for x in each)
         ratio = ((2 * self.log_std).exp() + (self.loc - mean).square()) / std.square()
-        return (0.5 * (ratio - 1) - self.log_std + std.log()).sum(-1)
+        return 0.5 * (ratio - 1) - self.log_std + std.log()
 
     def _constrained(self, raw: Tensor) -> Tensor:
         return raw if self.parameters is None else constrain(raw, self.parameters)

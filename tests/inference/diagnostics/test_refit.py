@@ -11,7 +11,7 @@ from expertaug.errors import InputError
 from expertaug.inference.diagnostics.validity import refit
 from expertaug.inference.settings import ValiditySettings
 from expertaug.models.decoder import Decoder
-from expertaug.models.settings import RefinementSettings
+from expertaug.models.fit_settings import RefinementSettings
 from expertaug.systems.pendulum import DampedPendulum
 from expertaug.systems.solvers.solver import Solver
 from seen import seen

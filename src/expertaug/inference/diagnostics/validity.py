@@ -23,8 +23,8 @@ from expertaug.inference.levenberg_marquardt import DAMPING, adapt_damping, cost
 from expertaug.inference.settings import ValiditySettings
 from expertaug.learning.optimiser import clip_each_seed
 from expertaug.models.decoder import Decoder
+from expertaug.models.fit_settings import RefinementSettings
 from expertaug.models.observation_noise import GivenNoise
-from expertaug.models.settings import RefinementSettings
 from expertaug.models.store import StoredModel
 from expertaug.systems.inputs import further, inputs_of, states_of
 from expertaug.windows import Windows
