@@ -60,6 +60,8 @@ def test_a_known_posterior_is_found(known):
         rank = (found < truth.squeeze(-1)).float().mean(0)
         assert abs(((rank > 0.05) & (rank < 0.95))[inside].float().mean() - 0.9) < 0.05
         assert abs(((rank > 0.25) & (rank < 0.75))[inside].float().mean() - 0.5) < 0.08
+    stated = estimator.estimate(seen(y)).z_e_std.squeeze(-1)
+    assert abs((stated[inside] / covariance[1, 1].sqrt()).mean() - 1) < 0.12
     product = ((z_e - z_e.mean(0)) * (y0 - y0.mean(0))).mean(0)[inside].mean()
     assert abs(product / covariance[0, 1] - 1) < 0.2
 

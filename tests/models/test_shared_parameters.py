@@ -104,3 +104,5 @@ def test_names_are_those_of_expert_parameters(sets):
     recipe = ea.HybridModel(ea.DampedPendulum(), ENCODERS["aphynity"], INTERACTION, shared=("omega",))
     with pytest.raises(InputError, match=r"shared\.omega: 'omega' is no expert parameter; did you mean 'omega0'"):
         ea.fit(recipe, *sets, observed_s=1.5, epochs=1)
+    with pytest.raises(InputError, match=r"shared: found omega0, omega0; name each once"):
+        SharedParameters(ea.DampedPendulum(), ["omega0", "omega0"])

@@ -23,8 +23,8 @@ class Forecast:
         z_e: estimates of the expert parameters by name, (N,) each; empty for a model that estimates none.
         units: unit of every state component and, as ``z_e name``, expert parameter.
         seeds: S of them.
-        z_e_std: standard deviations of the estimates by name, where the model has them: a hybrid-VAE's posterior, or
-            Laplace's approximation after refinement.
+        z_e_std: standard deviations of the estimates by name, where the model has them: a hybrid-VAE's posterior, a
+            flow's draws, or Laplace's approximation after refinement.
         chi2: χ² per degree of freedom of each observed window after refinement, (N,); far above 1, the model does not
             explain the window.  None without refinement.
         misfit: mean squared error over the observed window after its first point, summed over the observed quantities,

@@ -75,7 +75,9 @@ def proposal(
     # Windows share constants of the apparatus; what gives the first point is each window's own.
     sharing = bool(constants) or system is None
     fitted = ["least_squares", *(["least_squares_shared"] if sharing else [])]
-    learned = ["ml_only", "aphynity", "alternating", *(["alternating_shared"] if sharing else [])]
+    one_apparatus = sharing and len(inspection.data.grid.series) < FEWEST  # else an encoder reads a trajectory's own
+    learned = ["ml_only", "aphynity", *(["aphynity_shared"] if one_apparatus else [])]
+    learned += ["alternating", *(["alternating_shared"] if sharing else [])]
     methods = ["mean", "expert_only", *fitted, *learned]
     training = {"epochs": 200, "batch_size": 20, "learning_rate": 3e-3, "horizon_warmup": 0.3, "expert_first": 0.2}
     blocks = [

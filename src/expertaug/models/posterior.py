@@ -203,9 +203,11 @@ class Estimates:
 
     @property
     def z_e_std(self) -> Tensor | None:
-        """Standard deviation (…, B, P) of z_e, where the estimator has one, to first order."""
+        """Standard deviation (…, B, P) of z_e, where the estimator has one: to first order, or of its draws."""
         distribution = None if self.posterior is None else self.posterior.z_e
-        return distribution.spread if isinstance(distribution, Gaussian) else None
+        if isinstance(distribution, Gaussian):
+            return distribution.spread
+        return None if self.draws is None else self.draws[0].std(dim=-2, correction=0)
 
     def stated(self, with_z_a: bool) -> tuple[Tensor, Tensor | None]:
         """z_e, or z_e and z_a behind each other, (…, B, K), and their standard deviations, where there are any."""

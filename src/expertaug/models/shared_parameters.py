@@ -11,8 +11,10 @@ from dataclasses import replace
 import torch
 from torch import Tensor, nn
 
+from expertaug.errors import InputError
 from expertaug.models.posterior import Delta, Gaussian, Posterior, constrain
 from expertaug.systems import System
+from expertaug.systems.base import constant_like
 from expertaug.wording import check_keys
 
 FASTER = 10.0  # than an encoder's weights, of which many move an estimate, a constant must move by itself
@@ -26,7 +28,7 @@ class SharedParameters(nn.Module):
         names: of the parameters.
 
     Raises:
-        InputError: a name that is no expert parameter's.
+        InputError: a name that is no expert parameter's, or is there twice.
     """
 
     stackable = True
@@ -36,6 +38,8 @@ class SharedParameters(nn.Module):
         super().__init__()
         known = [p.name for p in system.expert_parameters]
         check_keys(names, known, "shared", "expert parameter")
+        if len(set(names)) < len(names):
+            raise InputError("shared", f"found {', '.join(names)}", "name each once")
         self.places = [known.index(name) for name in names]
         self.of_system = system.expert_parameters
         self.slow = nn.Parameter(torch.zeros(1, len(names)))
@@ -81,6 +85,6 @@ class SharedParameters(nn.Module):
         return self._with(torch.ones_like(each), 1 / self.windows)
 
     def _with(self, values: Tensor, constants: Tensor) -> Tensor:
-        places = torch.tensor(self.places, device=values.device)
+        places = constant_like(values, self.places, torch.long)
         wide = constants.to(values).expand(*values.shape[:-1], len(self.places))
         return values.index_copy(-1, places, wide)
