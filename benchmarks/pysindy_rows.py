@@ -95,21 +95,23 @@ def main() -> None:
     parser.add_argument("experiment", type=Path, help="its folder in the results of a run")
     parser.add_argument("--t1", type=float, default=4.0, help="end of the observed window in s")
     parser.add_argument("--angles", nargs="*", type=int, default=[0], help="places of components that are angles")
+    parser.add_argument("--turns", action="store_true", help="score the angles alone, modulo whole turns, as the mean")
     options = parser.parse_args()
+    turning = options.angles if options.turns else None
     sets = {name: Trajectories.load(options.experiment / "data" / f"{name}.npz") for name in SETS}
     warnings.simplefilter("ignore")
     began = time.process_time()
     (plain,) = candidates(sets["train"], options.angles, defaults=True)
     tried = list(candidates(sets["train"], options.angles))
     chosen = {
-        start: min(tried, key=lambda one: log_mse(errors(one, sets["validation"], options.t1, start)))
+        start: min(tried, key=lambda one: log_mse(errors(one, sets["validation"], options.t1, start, turning)))
         for start in ("last point", "fitted")
     }
     seconds = time.process_time() - began
     print(f"| PySINDy {pysindy.__version__} | start | {' | '.join(SETS)} |\n| --- | --- | ---: | ---: | ---: |")
     for start, best in chosen.items():
         for label, one in (("defaults", plain), (f"{best.library}, {best.threshold:g}, {best.derivative}", best)):
-            cells = [interval(errors(one, data, options.t1, start)) for data in sets.values()]
+            cells = [interval(errors(one, data, options.t1, start, turning)) for data in sets.values()]
             print(f"| {label} | {start} | {' | '.join(cells)} |")
     for equation in (plain, *dict.fromkeys(chosen.values())):
         print(*equation.model.equations(precision=4), sep="; ")
@@ -164,8 +166,14 @@ def law_of(model: pysindy.SINDy) -> Law:
     return law
 
 
-def errors(equation: Equation, data: Trajectories, t1: float, start: str) -> np.ndarray:
-    """Squared errors (N,) of forecasts after the observed window, summed over components, means over what was seen."""
+def errors(
+    equation: Equation, data: Trajectories, t1: float, start: str, turning: list[int] | None = None
+) -> np.ndarray:
+    """Squared errors (N,) of forecasts after the observed window, means over what was seen.
+
+    Arguments:
+        turning: places of angles that count, modulo whole turns, over which it is the mean; None: the sum of all.
+    """
     y, t = data.seen.astype(float).transpose(1, 0, 2), data.t.astype(float)
     observed = int((t <= t1 + 1e-9).sum())
     if start == "fitted":
@@ -177,7 +185,9 @@ def errors(equation: Equation, data: Trajectories, t1: float, start: str) -> np.
         for place in np.unique(last):
             some = last == place
             forecast[:, some] = equation.forecast(y[place, some], t[place:])[observed - place :]
-    return np.nanmean(((forecast - y[observed:]) ** 2).sum(-1), axis=0)
+    away = forecast - y[observed:]
+    squares = (away**2).sum(-1) if turning is None else (2 - 2 * np.cos(away[..., turning])).mean(-1)
+    return np.nanmean(squares, axis=0)
 
 
 def log_mse(each: np.ndarray) -> float:

@@ -17,6 +17,7 @@ from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.inference import alternating
 from expertaug.inference.held_constants import HeldConstants
+from expertaug.inference.shared import fit_shared_of_seeds
 from expertaug.models import store
 from expertaug.models.decoder import Decoder
 from expertaug.models.fit_settings import Constant, Refinement, RefinementSettings, SensorConstants
@@ -127,6 +128,18 @@ def test_a_flow_knows_what_is_shared_but_for_its_error(model, tmp_path):
     flow.save(tmp_path / "flow.safetensors")
     again = ea.load(tmp_path / "flow.safetensors").estimates(window)
     assert (again.value[0], again.of[0]) == (row.value, row.of)
+
+
+def test_a_file_keeps_the_sensor_of_each_seed(tmp_path):
+    """One constant of four that a sensor may have, of seeds of which one failed."""
+    quick = {"sensors": {"theta": {"offset": "shared"}}, "starts": 4, "tries": 1, "steps": 4}
+    found = learned(seen(16, 1), steps=6, validate_every=6, refinement=quick)
+    found.save(tmp_path / "m.safetensors")
+    again = ea.load(tmp_path / "m.safetensors").refinement.sensors["theta"]
+    assert again.known == ["offset"] and again.offset.seeds == found.refinement.sensors["theta"].offset.seeds
+    failed = replace(found.stored, card=found.stored.card.but(failed=[1]))
+    fitted = fit_shared_of_seeds(failed, found.refinement, seen(16, 1)).sensors["theta"]
+    assert fitted.offset.seeds[0] == fitted.offset.seeds[1] and fitted.known == ["offset"]
 
 
 def test_no_flow_knows_sensors(model):

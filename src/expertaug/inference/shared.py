@@ -376,7 +376,7 @@ def _at(value: Any, places: Sequence[int | None]) -> Any:
     if isinstance(value, Mapping):
         return {name: _at(part, places) for name, part in value.items()}
     if isinstance(value, SensorConstants | Population):
-        return value.model_copy(update={name: _at(part, places) for name, part in value})
+        return value.model_copy(update={name: _at(getattr(value, name), places) for name in value.model_fields_set})
     if isinstance(value, list):
         return [sum(value) / len(value) if k is None else value[k] for k in places]
     return value
