@@ -31,6 +31,8 @@ OWN = {
     "hvae_polynomial": 4,
     "least_squares_shared": 8,
     "alternating_shared": 3,
+    "aphynity_shared": 1,
+    "hvae_shared": 4,
 }
 
 
