@@ -129,6 +129,18 @@ def test_a_hybrid_s_constants_are_those_that_units_call_shared(base):
         config.validate(config.merge(base, yaml.safe_load(text.replace("UNIT", "window"))))
 
 
+def test_a_flow_over_constants_of_sensors_is_refused(base):
+    text = (
+        "{run: [pendulum], experiments: {pendulum: {methods: [alternating_shared], augmented: [], augmentations: "
+        "{narrow: null, wide: null}, controls: [], flows: [alternating_shared], refined: [], refinement: {units: "
+        "{omega0: shared}SENSORS}}}}"
+    )
+    config.validate(config.merge(base, yaml.safe_load(text.replace("SENSORS", ""))))
+    sensed = text.replace("SENSORS", ", sensors: {omega: {scale: shared}}")
+    with pytest.raises(InputErrors, match=r"flows\[0\]: 'alternating_shared' has constants of sensors"):
+        config.validate(config.merge(base, yaml.safe_load(sensed)))
+
+
 def test_what_windows_share_is_told_only_to_what_shares_it(base):
     methods = "methods: [mean, least_squares, least_squares_shared, truth, aphynity, alternating, alternating_shared]"
     none = "augmented: [], augmentations: {narrow: null, wide: null}, controls: [], flows: [], refined: [aphynity]"

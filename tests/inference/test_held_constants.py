@@ -16,6 +16,7 @@ from expertaug.cli import main
 from expertaug.config import load as config
 from expertaug.config import stage_settings
 from expertaug.inference import alternating
+from expertaug.inference.flow_training import given_what_is_shared
 from expertaug.inference.held_constants import HeldConstants
 from expertaug.inference.shared import fit_shared_of_seeds
 from expertaug.models import store
@@ -140,6 +141,16 @@ def test_a_file_keeps_the_sensor_of_each_seed(tmp_path):
     failed = replace(found.stored, card=found.stored.card.but(failed=[1]))
     fitted = fit_shared_of_seeds(failed, found.refinement, seen(16, 1)).sensors["theta"]
     assert fitted.offset.seeds[0] == fitted.offset.seeds[1] and fitted.known == ["offset"]
+
+
+@pytest.mark.parametrize(("name", "ends"), [("omega0", (1e-7, 0.1 + 3**0.5)), ("bias", (0.1 - 3**0.5, 0.1 + 3**0.5))])
+def test_a_constant_that_may_be_zero_is_drawn_below_it_only_where_it_may_be(model, name, ends):
+    """A positive parameter and one that may be negative, as far off as they are large."""
+    parameter = ea.Parameter(name, "rad/s", positive=name == "omega0")
+    system = SimpleNamespace(expert_parameters=(parameter,))
+    known = model.stored.card.refinement.model_copy(update={"shared": {name: Constant(value=0.1, std=1.0)}})
+    stored = replace(model.stored, model=SimpleNamespace(system=system), card=model.stored.card.but(refinement=known))
+    assert given_what_is_shared(stored, {name: (1.0, 3.0)})[name] == pytest.approx(ends)
 
 
 def test_no_flow_knows_sensors(model):

@@ -233,12 +233,11 @@ def _versions(where: str, experiment: Experiment, methods: dict[str, Method]) ->
                 problem = f"'{method}' is of kind {methods[method].kind}"
                 yield InputError(f"{where}.{block}[{k}]", problem, remedy)
     for k, method in enumerate(experiment.flows):
-        if method in experiment.methods and _estimator(methods, method).fits_windows:
-            over = experiment.overrides.get(method)
-            own = experiment if over is None else overridden(experiment, over)
-            if _estimator(methods, method).shares and own.refinement.of_sensors:
-                problem = f"'{method}' has constants of sensors, which a flow does not know"
-                yield InputError(f"{where}.flows[{k}]", problem, "leave it out")
+        kind = _estimator(methods, method)
+        knows = method in experiment.methods and kind.fits_windows and kind.shares
+        if knows and _own(experiment, method).refinement.of_sensors:
+            problem = f"'{method}' has constants of sensors, which a flow does not know"
+            yield InputError(f"{where}.flows[{k}]", problem, "leave it out")
     if set(experiment.controls) & set(experiment.methods) and experiment.finetuning is None:
         yield InputError(f"{where}.finetuning", "missing", "methods under controls need it")
     for k, variant in enumerate(experiment.refined):
@@ -305,20 +304,23 @@ def _check_shared(
                     f"{at}.population.{name}", "is shared by all windows", "leave it out here, or in units"
                 )
     for k, method in enumerate(experiment.methods):
-        over = experiment.overrides.get(method)
-        own = experiment if over is None else overridden(experiment, over)
-        kind, told = methods[method].estimator, own.refinement
+        kind, told = methods[method].estimator, _own(experiment, method).refinement
         if kind.shares and not (told.shares if kind.fits_windows else told.shared):
             problem = f"'{method}' fits what windows share, and nothing is said to be shared"
             first = next(iter((system.expert if system is not None else None) or ()), "NAME")
             yield InputError(f"{where}.methods[{k}]", problem, f"give refinement: {{units: {{{first}: shared}}}}")
     for k, variant in enumerate(experiment.refined):
-        over = experiment.overrides.get(base(variant))
-        own = experiment if over is None else overridden(experiment, over)
+        own = _own(experiment, base(variant))
         told = own.refinement
         if (told.shared or told.tied or told.population) and prior_of(own.augmentation) is None:
             problem = f"windows of '{variant}' share parameters, and nothing says where their fits start"
             yield InputError(f"{where}.refined[{k}]", problem, "give augmentation.prior")
+
+
+def _own(experiment: Experiment, method: str) -> Experiment:
+    """An experiment as it is for a method."""
+    over = experiment.overrides.get(method)
+    return experiment if over is None else overridden(experiment, over)
 
 
 def _estimator(methods: dict[str, Method], method: str) -> type[EstimatorKind]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, read_npz
-from expertaug.models.fit_settings import Population, Refinement
+from expertaug.models.fit_settings import POWERS, Population, Refinement
 
 REMEDY = "make it again with evaluate"
 OWN = "own"  # the set of windows that the version's models have made themselves
@@ -88,18 +88,18 @@ def constants_of(
             numbers = fitted.value, fitted.error, math.nan, fitted.groups, 1
             constants.append(ConstantEstimate(name, parameters[name], of, *numbers))
     for component, sensor in (refinement.sensors or {}).items():
-        unit = state[component]
-        units = {"offset": unit, "scale": "", "quadratic": _per(unit), "cubic": _per(unit, "2")}
-        for name, of_constant in units.items():
-            if (fitted := getattr(sensor, name)) is not None:
-                numbers = fitted.value, fitted.error, math.nan, 0, fitted.groups
-                constants.append(ConstantEstimate(f"{name} of {component}", of_constant, SHARED, *numbers))
+        for name in sensor.known:
+            fitted, unit = getattr(sensor, name), _power(state[component], POWERS[name])
+            numbers = fitted.value, fitted.error, math.nan, 0, fitted.groups
+            constants.append(ConstantEstimate(f"{name} of {component}", unit, SHARED, *numbers))
     return constants
 
 
-def _per(unit: str, power: str = "") -> str:
-    """The inverse of a unit, or of its square."""
-    return f"1/{unit if unit.isalpha() else f'({unit})'}{power}" if unit else ""
+def _power(unit: str, power: int) -> str:
+    """A unit to the power 1, 0, −1 or −2."""
+    if not unit or power >= 0:
+        return unit * power
+    return f"1/{unit if unit.isalpha() else f'({unit})'}{-power if power < -1 else ''}"
 
 
 def _deviation(population: Population) -> float:

@@ -166,18 +166,17 @@ def given_what_is_shared(stored: StoredModel, prior: Mapping[str, Range]) -> dic
     model = stored.model
     if isinstance(model, HybridNet) and model.constants is not None:
         with torch.no_grad():
-            of_seeds, errors = (part.double()[:, 0] for part in model.constants.stated)
+            trained = [seed not in stored.failed for seed in stored.seeds]
+            of_seeds, errors = (part.double()[trained, 0] for part in model.constants.stated)
         errors = errors.mean(0) if stored.card.likelihood else torch.zeros_like(of_seeds[0])
         between = of_seeds.std(0) if len(of_seeds) > 1 else torch.zeros_like(of_seeds[0])
         widths = torch.hypot(errors, between).tolist()
         values |= zip(stored.card.shared, zip(of_seeds.mean(0).tolist(), widths, strict=True), strict=True)
-    ranges = dict(prior)
+    ranges, positive = dict(prior), {p.name for p in model.system.expert_parameters if p.positive}
     for name, (value, error) in values.items():
         half = max(math.sqrt(3.0) * error, LEAST * abs(value), SMALLEST)
         low = value - half
-        if low <= 0 < value:  # of a positive parameter that may be nearly zero
-            low = min(value, prior[name][0])
-        ranges[name] = (low, value + half)
+        ranges[name] = (max(low, LEAST * value) if name in positive else low, value + half)
     return ranges
 
 

@@ -14,14 +14,13 @@ from torch import Tensor
 from expertaug.errors import InputError
 from expertaug.inference.least_squares import WindowFit
 from expertaug.inference.levenberg_marquardt import LONGEST
-from expertaug.models.fit_settings import Constant, SensorConstants
+from expertaug.models.fit_settings import CURVED, POWERS, Constant, SensorConstants
 from expertaug.models.posterior import Estimates
 from expertaug.models.sensors import Curve, Sensors
 from expertaug.systems import System
 
 logger = logging.getLogger(__name__)
 WEAK = 0.25  # standard error of a sensor's constant, as a coordinate, which is told
-POWERS = {"offset": 1, "quadratic": -1, "cubic": -2}  # of the component's unit
 TURNED = 0.01  # share of what was measured that may lie where a curve is flat
 
 
@@ -59,35 +58,31 @@ class SensorCoordinates:
         units = torch.tensor([spread or 1.0 for spread in spreads], dtype=torch.float64)
         return cls(sought, places, units, len(names), len(system.state_shape))
 
-    @property
-    def _is_scale(self) -> Tensor:
-        return self._named("scale")
-
     def _named(self, wanted: str) -> Tensor:
         return torch.tensor([name == wanted for _, name in self.sought], dtype=torch.bool)
 
     @property
     def _factors(self) -> Tensor:
         """Units of the coordinates that are no logarithms, (M,)."""
-        powers = torch.tensor([POWERS.get(name, 0) for _, name in self.sought], dtype=torch.float64)
+        powers = torch.tensor([POWERS[name] for _, name in self.sought], dtype=torch.float64)
         return self.units**powers
 
     def sensors(self, x: Tensor) -> Sensors:
         """Of coordinates (…, M)."""
         of_component = torch.nn.functional.one_hot(torch.tensor(self.places, dtype=torch.long), self.components).to(x)
-        scale = (torch.where(self._is_scale, x, 0.0) @ of_component).exp()
+        scale = (torch.where(self._named("scale"), x, 0.0) @ of_component).exp()
 
         def constants(name: str) -> Tensor:
             return torch.where(self._named(name), x * self._factors, 0.0) @ of_component
 
-        straight = not {name for _, name in self.sought} & {"quadratic", "cubic"}
+        straight = not {name for _, name in self.sought} & set(CURVED)
         curve = None if straight else Curve(constants("quadratic"), constants("cubic"))
         return Sensors(scale, constants("offset"), self.axes, curve)
 
     def coordinates(self, constants: Mapping[str, SensorConstants]) -> Tensor:
         """Of constants in their units, by component: (M,)."""
         values = torch.tensor([getattr(constants[c], name).value for c, name in self.sought], dtype=torch.float64)
-        return torch.where(self._is_scale, values.clamp_min(1e-30).log(), values / self._factors)
+        return torch.where(self._named("scale"), values.clamp_min(1e-30).log(), values / self._factors)
 
     def constants(self, x: Tensor, std: Tensor, groups: np.ndarray) -> dict[str, SensorConstants]:
         """The constants in their units, by component, of coordinates (M,) with their standard errors; what is hardly
@@ -96,8 +91,8 @@ class SensorCoordinates:
         Arguments:
             groups: numbers of the groups of windows that they are from.
         """
-        values = torch.where(self._is_scale, x.exp(), x * self._factors)
-        slopes = torch.where(self._is_scale, x.exp(), self._factors)
+        is_scale, factors = self._named("scale"), self._factors
+        values, slopes = torch.where(is_scale, x.exp(), x * factors), torch.where(is_scale, x.exp(), factors)
         each: dict[str, dict[str, Constant]] = {}
         for (component, name), constant, weak in zip(
             self.sought, constants_from(values, std * slopes, groups), (std > WEAK).tolist(), strict=True
@@ -124,7 +119,7 @@ class SensorCoordinates:
         low, high = sensors.curve.ends
         states, axis = sensors.state(windows), windows.dim() - self.axes
         for (component, name), place in zip(self.sought, self.places, strict=True):
-            if name not in ("quadratic", "cubic"):
+            if name not in CURVED:
                 continue
             column, (least, most) = states.select(axis, place), (float(low[place]), float(high[place]))
             beyond = ((column <= least) | (column >= most)).sum() / (~column.isnan()).sum().clamp_min(1)

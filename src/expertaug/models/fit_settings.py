@@ -23,6 +23,10 @@ from expertaug.settings import (
 )
 from expertaug.systems.settings import SolverSettings
 
+# Of the constants of a sensor, the power of its component's unit that each has; a curve's are negative.
+POWERS = {"scale": 0, "offset": 1, "quadratic": -1, "cubic": -2}
+CURVED = tuple(name for name, power in POWERS.items() if power < 0)
+
 
 class SensorSettings(Settings):
     """What is estimated of the sensor of a component y of the state.

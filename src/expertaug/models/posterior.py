@@ -22,7 +22,13 @@ from expertaug.windows import Windows
 # normal(k) gives (…, B, k) standard normal numbers: whoever samples says where randomness comes from.
 Normal = Callable[[int], Tensor]
 
+LOG_STD, SPREAD = -3.0, 4.0  # standard deviations begin near e⁻³ and stay within e⁻⁷ and e
 DEAD = 1e-5  # of the whole: a principal component with a smaller standard deviation does not vary
+
+
+def bound_log_std(raw: Tensor) -> Tensor:
+    """Unbounded outputs (…) → logarithms of standard deviations, bounded smoothly on both sides."""
+    return LOG_STD + SPREAD * torch.tanh(raw / SPREAD)
 
 
 def constrain(raw: Tensor, parameters: Sequence[Parameter]) -> Tensor:

@@ -12,13 +12,12 @@ import torch
 from torch import Tensor, nn
 
 from expertaug.errors import InputError
-from expertaug.models.posterior import Delta, Gaussian, Posterior, constrain
+from expertaug.models.posterior import Delta, Gaussian, Posterior, bound_log_std, constrain
 from expertaug.systems import System
 from expertaug.systems.base import constant_like
 from expertaug.wording import check_keys
 
 FASTER = 10.0  # than an encoder's weights, of which many move an estimate, a constant must move by itself
-LOG_STD, SPREAD = -3.0, 4.0  # standard deviations begin near e⁻³ and stay within e⁻⁷ and e, as those of encoders
 
 
 class SharedParameters(nn.Module):
@@ -58,7 +57,7 @@ class SharedParameters(nn.Module):
     @property
     def log_std(self) -> Tensor:
         """Of the same, (…, 1, M)."""
-        return LOG_STD + SPREAD * torch.tanh(FASTER * self.slow_std / SPREAD)
+        return bound_log_std(FASTER * self.slow_std)
 
     @property
     def stated(self) -> tuple[Tensor, Tensor]:

@@ -6,8 +6,9 @@ import torch
 from cards import card
 from expertaug import systems
 from expertaug.models import store
-from expertaug.models.encoders.two_step import LOG_STD, SPREAD
+from expertaug.models.encoders.two_step import TwoStep
 from expertaug.models.estimators import Hybrid
+from expertaug.models.posterior import LOG_STD, SPREAD
 from expertaug.systems.solvers.solver import Solver
 from seen import seen
 
@@ -87,6 +88,7 @@ def test_filtering_depends_on_z_a_and_hardly_changes_anything_at_first():
 
 def test_spread_of_the_posterior_is_bounded():
     model, _ = make(PENDULUM, [0])
+    assert isinstance(model.encoder, TwoStep)
     for sign in (-1e6, 1e6):
         log_std = model.encode(seen(data_for(PENDULUM, 1)[:11] * sign)).z_e.log_std
         assert torch.isfinite(log_std).all() and (log_std - LOG_STD).abs().max() <= SPREAD

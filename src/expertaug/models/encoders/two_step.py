@@ -28,11 +28,9 @@ from expertaug.models.networks.convolutional import (
     layer_averages,
 )
 from expertaug.models.networks.layers import MLP, Linear, Standardise, feature_count
-from expertaug.models.posterior import Gaussian, Normal, Posterior
+from expertaug.models.posterior import Gaussian, Normal, Posterior, bound_log_std
 from expertaug.models.settings import ConvTwoStepSettings, TwoStepSettings, configure_by
 from expertaug.systems import System
-
-LOG_STD, SPREAD = -3.0, 4.0  # standard deviations begin near e⁻³ and stay within e⁻⁷ and e
 
 
 class TwoStep(nn.Module):
@@ -193,9 +191,9 @@ class StepFilter(nn.Module):
 
 
 def _gaussian(outputs: Tensor, parameters: Sequence | None = None) -> Gaussian:
-    """Network outputs (…, 2 K) → K Gaussians; the standard deviation is bounded smoothly on both sides."""
+    """Network outputs (…, 2 K) → K Gaussians."""
     loc, raw = outputs.chunk(2, dim=-1)
-    return Gaussian(loc, LOG_STD + SPREAD * torch.tanh(raw / SPREAD), parameters)
+    return Gaussian(loc, bound_log_std(raw), parameters)
 
 
 @configure_by(ConvTwoStepSettings)
