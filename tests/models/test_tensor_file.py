@@ -31,6 +31,17 @@ def test_a_flipped_bit_is_found_wherever_it_is(tmp_path):
             assert again == description and all(torch.equal(values[k], v) for k, v in tensors.items())
 
 
+def test_the_same_content_is_the_same_bytes(tmp_path):
+    header = {"name": 'a "b"\n\t\\ θ°\x01/', "of": [1, 2.5]}
+    files = []
+    for k in range(12):
+        write_tensors(tmp_path / str(k), {"b": torch.ones(3), "a": torch.zeros(2, dtype=torch.int64)}, header)
+        files.append((tmp_path / str(k)).read_bytes())
+    assert len(set(files)) == 1
+    read, tensors = read_tensors(tmp_path / "0")
+    assert read == header and tensors["b"].tolist() == [1, 1, 1] and tensors["a"].dtype == torch.int64
+
+
 def test_what_json_cannot_hold_is_refused_and_nothing_is_written(tmp_path):
     with pytest.raises(InputError, match=r"cannot describe this .*ReLU is neither a number nor a text"):
         write_tensors(tmp_path / "m", {"a": torch.zeros(2)}, {"activation": torch.nn.ReLU()})

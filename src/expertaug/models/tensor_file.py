@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import struct
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from expertaug.errors import InputError
 from expertaug.files import atomic
 
 HEADER, DIGEST = "expertaug", "sha256"
+METADATA = "__metadata__"  # where safetensors has both
 
 
 def write_tensors(path: str | Path, tensors: Mapping[str, Tensor], header: Mapping) -> None:
@@ -32,6 +34,7 @@ def write_tensors(path: str | Path, tensors: Mapping[str, Tensor], header: Mappi
         raise InputError(path, f"cannot describe this ({error})", "give classes numbers, texts and lists") from error
     with atomic(path) as temporary:
         save_file(plain, temporary, metadata={HEADER: text, DIGEST: _digest(text, plain)})
+        _order_metadata(temporary)
 
 
 def read_tensors(path: str | Path) -> tuple[dict, dict[str, Tensor]]:
@@ -55,6 +58,19 @@ def read_tensors(path: str | Path) -> tuple[dict, dict[str, Tensor]]:
     except (KeyError, ValueError, TypeError, RecursionError, OSError, SafetensorError) as error:
         raise InputError(path, f"not a file of this package ({error})", "make it again with its stage") from error
     return header, tensors
+
+
+def _order_metadata(path: Path) -> None:
+    """Write a file's metadata in the order of its names: safetensors has them in any, each time another, so that the
+    same content would be other bytes."""
+    with path.open("r+b") as stream:
+        (size,) = struct.unpack("<Q", stream.read(8))
+        described = json.loads(stream.read(size))
+        described[METADATA] = dict(sorted(described[METADATA].items()))
+        ordered = json.dumps(described, separators=(",", ":"), ensure_ascii=False).encode()
+        if len(ordered) <= size:
+            stream.seek(8)
+            stream.write(ordered.ljust(size))
 
 
 def _digest(text: str, tensors: Mapping[str, Tensor]) -> str:
