@@ -1,7 +1,7 @@
 """What it is worth that commands keep freed memory (``expertaug.cli.keep_freed_memory``): forecasts of a hybrid model
 from many draws, processor time in the program and in the system, and peak memory, a process each.
 
-python benchmarks/allocation.py [--draws 20] [--rounds 2]
+python benchmarks/allocation.py [--draws 8] [--rounds 2]
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def measured(kept: bool, draws: int) -> tuple[float, float, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=20, help="of each window")
+    parser.add_argument("--draws", type=int, default=8, help="of each window")
     parser.add_argument("--rounds", type=int, default=2)
     options = parser.parse_args()
     for _ in range(options.rounds):

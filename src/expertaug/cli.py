@@ -22,7 +22,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 3, 130
 # Of glibc's malloc.h: options of mallopt, and how many bytes may lie unused (at most what its int holds).
-TRIM_THRESHOLD, MMAP_THRESHOLD, KEPT = -1, -3, 2**30
+TRIM_THRESHOLD, MMAP_THRESHOLD, KEPT, LARGE = -1, -3, 2**30, 2**23
 logger = logging.getLogger("expertaug")
 
 
@@ -65,13 +65,15 @@ def keep_freed_memory() -> bool:
     """Have the C library keep the memory of tensors that are gone for the next ones; whether it can.
 
     glibc gives large blocks back to the system at once, and every step of a solver then has its pages mapped and zeroed
-    again: up to half of an evaluation's time (benchmarks/allocation.py).  Numbers do not depend on it.
+    again: up to half of an evaluation's time (benchmarks/allocation.py).  Blocks above 8 MiB go back: kept, they leave
+    holes that the next ones do not fit into, by which a job grew to several times the memory that it needs.  Numbers do
+    not depend on it.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt
     except (AttributeError, OSError, TypeError):  # another C library
         return False
-    return bool(mallopt(MMAP_THRESHOLD, KEPT)) & bool(mallopt(TRIM_THRESHOLD, KEPT))
+    return bool(mallopt(MMAP_THRESHOLD, LARGE)) & bool(mallopt(TRIM_THRESHOLD, KEPT))
 
 
 def _write_cost(path: Path, seconds: float) -> None:
