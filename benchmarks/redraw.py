@@ -1,4 +1,4 @@
-"""Draw figures of scores and of estimates of published runs anew from their tables, by today's code: numbers stay.
+"""Draw figures of scores, of estimates and of lost energy of published runs anew from their tables, by today's code.
 
     python benchmarks/redraw.py results/published/default results/published/ten_seeds_rlc
 
@@ -14,9 +14,9 @@ from pathlib import Path
 
 from expertaug import plotting
 from expertaug.config import load as config
-from expertaug.config import report_parameters
-from expertaug.evaluation import dots, estimates
-from expertaug.evaluation.settings import EstimatesJob, OverviewJob, PlotJob
+from expertaug.config import report_parameters, stage_settings
+from expertaug.evaluation import dissipation, dots, estimates
+from expertaug.evaluation.settings import DissipationJob, EstimatesJob, OverviewJob, PlotJob
 from expertaug.evaluation.summary import read_long
 from expertaug.rows import read_csv
 from expertaug.runs.publish import copy
@@ -40,8 +40,14 @@ def redraw(folder: Path) -> list[str]:
             if stated.is_file():
                 job = EstimatesJob.from_mapping(report_parameters.estimates(whole, name))
                 title = f"{job.of_experiment(name)}: estimates"
-                figure = estimates.draw(read_csv(stated, estimates.TabledEstimate, "publish it again"), job, title)
+                with plotting.use_style():
+                    figure = estimates.draw(read_csv(stated, estimates.TabledEstimate, "publish it again"), job, title)
                 plotting.save_all({new / f"{name}_estimates": figure})
+            losses = folder / "tables" / f"{name}_dissipation.csv"
+            if losses.is_file():
+                job = DissipationJob.from_mapping(stage_settings.dissipation(whole, name))
+                figure = dissipation.draw(read_csv(losses, dissipation.Loss, "publish it again"), job)
+                plotting.save_all({new / f"{name}_dissipation": figure})
         of_all = OverviewJob.from_mapping(report_parameters.overview(whole, whole.run))
         dots.run_stage(list(tables.values()), new, of_all)
         drawn = [path for path in sorted(new.glob("*.png")) if (folder / "figures" / path.name).exists()]

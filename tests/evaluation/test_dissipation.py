@@ -141,11 +141,31 @@ def test_the_stage_by_recording(folder, drawn):
     assert f"| train | a | 10 | {mean} ± {error} |" in text
     assert f"| train | With friction | {first['measured'].mean():.{decimals}f} |" in text
     assert outputs[2].read_text().isascii() and r"\nabla" in outputs[2].read_text()
-    points = [line for line in drawn[0].axes[0].lines if line.get_linestyle() == "None"]
-    assert len(drawn[0].axes) == 3 and [len(line.get_xdata()) for line in points] == [2, 2]
-    assert all(axis.get_xlabel() and axis.get_yscale() == "linear" for axis in drawn[0].axes)
+    assert len(drawn[0].axes) == 3 and [len(line.get_xdata()) for line in points(drawn[0].axes[0])] == [2, 2]
+    assert all(axis.get_xscale() == "linear" for axis in drawn[0].axes)
+    assert [text.get_text() for text in drawn[0].axes[0].get_yticklabels()] == ["With friction", "Half of it"]
     labels = [text.get_text() for text in drawn[0].legends[0].get_texts()]
-    assert labels == ["With friction", "Half of it", "as measured"]
+    assert labels == ["measured loss", "± 2 standard errors"]
+
+
+def points(axis):
+    """The lines of a panel that have markers: a version each."""
+    return [line for line in axis.lines if line.get_linestyle() == "None"]
+
+
+def test_the_figure_has_means_over_the_chunks_of_all_recordings():
+    chunks, measured, error = {"a": 30, "b": 10}, {"a": 1.0, "b": 5.0}, {"a": 0.1, "b": 0.4}
+    losses = [
+        Loss("e", "whole", "Whole", seed, "", "test", r, chunks[r], measured[r], error[r], measured[r] * (seed + 1))
+        for r in "ab"
+        for seed in range(2)
+    ]
+    (axis,) = draw(losses, asked(whole="Whole")).axes
+    assert points(axis)[0].get_xdata() == pytest.approx([2.0, 4.0])
+    assert axis.lines[0].get_xdata() == pytest.approx([2.0, 2.0])
+    shade = axis.patches[0].get_extents().transformed(axis.transData.inverted())
+    spread = 2 * math.hypot(0.75 * 0.1, 0.25 * 0.4)
+    assert (shade.x0, shade.x1) == pytest.approx((2.0 - spread, 2.0 + spread))
 
 
 def test_a_model_that_dissipates_far_too_much_leaves_the_others_their_room():
@@ -153,9 +173,14 @@ def test_a_model_that_dissipates_far_too_much_leaves_the_others_their_room():
     losses = [Loss("e", name, name, 0, "", "test", r, 9, 2.0, 0.1, lost) for name, lost in rows for r in "ab"]
     job = asked(**{name: name for name, _ in rows})
     (axis,) = draw(losses, job).axes
-    assert axis.get_yscale() == "symlog" and list(axis.get_yticks()) == [-1000, -100, -10, -2, 0, 2, 10, 100, 1000]
-    markers = [line.get_marker() for line in axis.lines if line.get_linestyle() == "None"]
-    assert markers == ["o", "o", "s"] and all(line.get_markerfacecolor() != "none" for line in axis.lines)
+    assert axis.get_xscale() == "symlog" and list(axis.get_xticks()) == [-1000, -2, 0, 2, 1000]
+    assert axis.get_xlim()[0] < -1000 and axis.get_xlim()[1] > 1000
+    assert [line.get_marker() for line in points(axis)] == ["o", "o", "s"]
+    assert all(line.get_markerfacecolor() != "none" for line in points(axis))
+    only = [loss for loss in losses if loss.method != "half~refined"]
+    far = [Loss("e", "half~refined", "", 0, "", "test", "a", 9, 2.0, 0.1, 300.0)]
+    (axis,) = draw([*only, *far], job).axes
+    assert -2 < axis.get_xlim()[0] < 0, "nothing is below zero"
 
 
 def test_refusals(folder, capsys):

@@ -11,14 +11,15 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import NullLocator, StrMethodFormatter
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator, NullLocator, StrMethodFormatter
 from torch import Tensor
 
 from expertaug import plotting
 from expertaug.errors import InputError
 from expertaug.evaluation.metrics import Metric
 from expertaug.evaluation.settings import DissipationJob
-from expertaug.evaluation.summary import mean_of, order_sets
+from expertaug.evaluation.summary import order_sets
 from expertaug.evaluation.table import DASH, Study, Table
 from expertaug.inference.least_squares import refine_by, refinement_of
 from expertaug.inference.shared import on_training_windows
@@ -44,7 +45,7 @@ CAPTION = (
     "Correlation: of the two over recordings."
 )
 TITLE = "loss of energy"
-DIAGONAL = {"color": "0.6", "linewidth": 0.8, "zorder": 1}
+MEASURED = {"color": "0.4", "linewidth": 0.9, "zorder": 1}
 WIDE = 3.0  # times the measured loss, above which an axis is no longer linear
 THREE_DIGITS = Metric("dissipated", "dissipated")
 
@@ -277,55 +278,63 @@ def _number(mean: float, spread: float | None) -> str:
 
 
 def draw(losses: Sequence[Loss], job: DissipationJob) -> Figure:
-    """Dissipated against measured loss: a panel for each expert and set, a point for each recording, a colour for each
-    method."""
+    """What models dissipate, a point for each seed, beside the measured loss, all as means over chunks: a panel for
+    each expert and set, a row for each of the expert's versions."""
     experts, sets = list(dict.fromkeys(loss.expert for loss in losses)), order_sets(loss.set for loss in losses)
     labels = {version: label for version, label, _ in job.versions}
     colours = plotting.colours(list(labels), dict(job.hues))
-    looks = {v: _look(v, colours[v]) for v in labels}
+    own = {e: [v for v in labels if any((o.expert, o.method) == (e, v) for o in losses)] for e in experts}
+    counts = [len(of_expert) for of_expert in own.values()]
     with plotting.use_style():
-        figure = plotting.new_figure(0.6 + 2.4 * len(experts))
-        panels = figure.subplots(len(experts), len(sets), squeeze=False)
-        for row, expert in zip(panels, experts, strict=True):
+        figure = plotting.new_figure(0.5 + 0.75 * len(experts) + 0.19 * sum(counts))
+        panels = figure.subplots(
+            len(experts), len(sets), squeeze=False, sharey="row", gridspec_kw={"height_ratios": counts}
+        )
+        for row, (expert, versions) in zip(panels, own.items(), strict=True):
             for axis, name in zip(row, sets, strict=True):
                 part = [loss for loss in losses if (loss.expert, loss.set) == (expert, name)]
-                measured = [loss.measured for loss in part if not np.isnan(loss.measured)]
-                ends = [min([0.0, *measured]), max(measured, default=np.nan)]
-                axis.plot(ends, ends, **DIAGONAL)
-                for version, look in looks.items():
-                    own = group_by((loss for loss in part if loss.method == version), lambda loss: loss.recording)
-                    x = [mean_of(loss.measured for loss in each) for each in own.values()]
-                    axis.plot(x, [mean_of(loss.dissipated for loss in each) for each in own.values()], **look)
-                _scale(axis, ends, [loss.dissipated for loss in part])
+                measured, error = _measured(part)
+                axis.axvspan(measured - 2 * error, measured + 2 * error, color="0.9", linewidth=0, zorder=0)
+                axis.axvline(measured, **MEASURED)
+                dissipated: list[float] = []
+                for place, version in enumerate(versions):
+                    seeds = group_by((loss for loss in part if loss.method == version), lambda loss: loss.seed)
+                    x = [over_recordings(of_seed)[1] for of_seed in seeds.values()]
+                    look = plotting.look(version, colours, 3.2) | {"linestyle": "none"}
+                    axis.plot(x, [place] * len(x), **look)
+                    dissipated += x
+                _scale(axis, abs(measured), dissipated)
+                axis.set_ylim(len(versions) - 0.4, -0.6)
                 title = job.of_set(name)
                 axis.set_title(title if len(experts) == 1 else f"{title},\nexpert {expert.replace('_', ' ')}")
-                axis.set_xlabel("measured loss [s⁻³]")
-                axis.grid()
-            row[0].set_ylabel("dissipated by the model [s⁻³]")
-        handles = [Line2D([], [], label=label, **looks[version]) for version, label in labels.items()]
-        plotting.legend(figure, [*handles, Line2D([], [], label="as measured", **DIAGONAL)])
+                axis.grid(axis="x")
+            row[0].set_yticks(range(len(versions)), [labels[version] for version in versions])
+            row[len(sets) // 2].set_xlabel("dissipated by the model [s⁻³]")
+        shade = Patch(color="0.9", label="± 2 standard errors")
+        plotting.legend(figure, [Line2D([], [], label="measured loss", **MEASURED), shade])
         plotting.heading(figure, f"{job.of_experiment(job.experiment)}: loss of energy per inertia")
     return figure
 
 
-def _scale(axis: Axes, measured: Sequence[float], dissipated: Sequence[float]) -> None:
-    """Linear as far as the measured loss goes; beyond logarithmic where a model dissipates many times that."""
+def _measured(losses: Sequence[Loss]) -> tuple[float, float]:
+    """The mean over chunks of all recordings of a set, and its standard error."""
+    recordings = [of_one[0] for of_one in group_by(losses, lambda loss: loss.recording).values()]
+    weights = np.array([loss.chunks for loss in recordings]) / sum(loss.chunks for loss in recordings)
+    errors = np.array([loss.measured_se for loss in recordings])
+    return over_recordings(recordings)[0], float(np.sqrt(np.nansum((weights * errors) ** 2)))
+
+
+def _scale(axis: Axes, measured: float, dissipated: Sequence[float]) -> None:
+    """From zero, linear as far as the measured loss goes; beyond logarithmic where a model dissipates many times
+    that."""
     finite = np.abs([value for value in dissipated if np.isfinite(value)])
-    most = max(map(abs, measured))
-    if len(finite) and np.isfinite(most) and 0 < WIDE * most < finite.max():
-        axis.set_yscale("symlog", linthresh=most, linscale=2.0)
-        axis.set_yticks(_ticks(most, finite.max()))
-        axis.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axis.yaxis.set_minor_locator(NullLocator())
-
-
-def _ticks(linear: float, most: float) -> list[float]:
-    """Zero, the end of the linear part, and powers of ten beyond it, to both sides."""
-    end = float(f"{linear:.1g}")
-    beyond = [10.0**k for k in range(int(np.ceil(np.log10(3 * end))), int(np.ceil(np.log10(most))) + 1)]
-    return [*(-value for value in reversed([end, *beyond])), 0.0, end, *beyond]
-
-
-def _look(version: str, colour: plotting.Colour) -> plotting.Look:
-    """A point; a square where estimates are refined."""
-    return {"color": colour, "marker": plotting.marker(version), "markersize": 3.2, "linestyle": "none"}
+    axis.axvline(0.0, color="0.75", linewidth=0.6, zorder=0)
+    if len(finite) and np.isfinite(measured) and 0 < WIDE * measured < finite.max():
+        end, beyond = float(f"{measured:.1g}"), 10.0 ** np.ceil(np.log10(finite.max()))
+        axis.set_xscale("symlog", linthresh=measured, linscale=2.0)
+        axis.set_xticks([-beyond, -end, 0.0, end, beyond])
+        axis.set_xlim(-1.5 * beyond if min(dissipated) < 0 else -0.1 * end, 1.5 * beyond)
+        axis.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.xaxis.set_minor_locator(NullLocator())
+    else:
+        axis.xaxis.set_major_locator(MaxNLocator(3))
