@@ -11,7 +11,13 @@ import torch
 from expertaug.errors import SolveError
 from expertaug.learning import augment as augmentation
 from expertaug.learning.augment import run_stage as augment
-from expertaug.learning.divergence import clamp_to_bound, divergence_bound, forecast_or_fallback, within_bound
+from expertaug.learning.divergence import (
+    clamp_to_bound,
+    divergence_bound,
+    forecast_or_fallback,
+    largest_sizes,
+    within_bound,
+)
 from expertaug.learning.finetune import run_stage as finetune
 from expertaug.learning.objectives import Aphynity
 from expertaug.learning.settings import AugmentJob, FinetuneJob, TrainSettings
@@ -37,6 +43,12 @@ def trained(data, tmp_path, settings):
 
 def batch_of(data, seeds=2):
     return StackedSet.of(Trajectories.load(data / "train.npz"), CPU).whole(seeds)
+
+
+def test_sizes_of_many_samples_are_found_in_parts():
+    y = torch.randn(4, 600, 2, 3, generator=torch.Generator().manual_seed(0))
+    y[1, 300, 0] = torch.nan
+    assert torch.equal(largest_sizes(y), y.nan_to_num().abs().amax((0, 3)))
 
 
 def test_ten_times_the_largest_value_of_each_component():

@@ -105,7 +105,7 @@ def prepare(
     if options.resample_x and kind.resample_known is System.resample_known:
         problem = f"{kind.__name__} does not say where first points may lie"
         raise InputError("flow.resample_x", problem, "leave it out, or give the system a resample_known of its own")
-    windows, system = StackedSet.of(train, device).windows(base.observed), stored.model.system
+    windows, system = StackedSet.of(train, device, base.observed).trajectories, stored.model.system
     noise = noise_of(settings.noise, system, base) if choices.augmentation_noise == "as_data" else 0.0
     card = base.but(
         misfit=None,  # of the base's own estimates
@@ -147,7 +147,7 @@ def prepare(
     scale.std.copy_(torch.where(std > 1e-6, std, torch.ones_like(std)))
     name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
     trainer = FlowTrainer(estimator, simulator, held, options, name, base.failed or ())
-    checked = None if validation is None else StackedSet.of(validation, device).windows(base.observed)
+    checked = None if validation is None else StackedSet.of(validation, device, base.observed).trajectories
     return Training(trainer, card, stored.classes, checked=checked)
 
 

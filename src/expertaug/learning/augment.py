@@ -137,7 +137,7 @@ def augment(
     drawing = Drawing(prior, added, stored.seeds, resampled, z_a_from, float(worst))
     long = task if choices.augmented_selection == "forecast" else short
     plus, plus_validation = (
-        generate(stored.model, StackedSet.of(part, device), until, drawing, number)
+        generate(stored.model, StackedSet.of(part, device, len(until.t)), until, drawing, number)
         for number, (part, until) in enumerate(((train, short), (validation, long)))
     )
     return Augmented(plus, plus_validation, drawing)

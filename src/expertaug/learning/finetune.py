@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -108,15 +109,16 @@ def prepare(
     if options.training.bound_z_a:
         hybrid.decoder.latent_bound = _bound(base, device)
     scale = augment.prior_scale(hybrid, given_ranges(options.prior)).to(device)
-    real, check = StackedSet.of(train, device), StackedSet.of(validation, device)
-    spread: torch.Tensor | float = 1.0
+    task = task_of(options.training, base, device, scale)
+    needed = max(base.observed, task.points(choices))
+    real, check = StackedSet.of(train, device, needed), StackedSet.of(validation, device)
     if options.training.z_a_supervision_weight and plus is not None:
         if plus.train.z_a is None:
             problem, remedy = "do not say with which z_a they were made", "draw them again (augment)"
             raise InputError("augmented samples", problem, remedy)
         std = latent_of(encode_all(hybrid, real.windows(base.observed), len(stored.seeds))[1]).std
         spread = torch.tensor(std, dtype=torch.float32, device=device).clamp_min(SMALLEST_SPREAD).unsqueeze(1)
-    task = task_of(options.training, base, device, scale, spread)
+        task = replace(task, z_a_scale=spread)
     card = base.but(
         **options.model_dump(include=set(KEPT)),
         stage="finetune",

@@ -196,12 +196,13 @@ def prepare(
     observed = card.observed
     times = torch.tensor(card.t[:observed], dtype=torch.float64)
     model = recipe.build(times, options.seeds, kind.learns_likelihood, card.start).to(device)
-    train_set, validation_set = StackedSet.of(train, device), StackedSet.of(validation, device)
+    task = task_of(options.training, card, device)
+    needed = max(observed, task.points(options.choices))
+    train_set, validation_set = StackedSet.of(train, device, needed), StackedSet.of(validation, device)
     for name, part in (("training set", train_set), ("validation set", validation_set)):
         check_given(recipe.system, part.u, name)
     windows = train_set.windows(observed)
     model.fit(windows.seed(0))
-    task = task_of(options.training, card, device)
 
     def again(places: Sequence[int], number: int) -> Training:
         changed = _begin_anew(options, places, number)

@@ -90,8 +90,11 @@ class StackedSet(_Samples):
     z_a: Tensor | None = None
 
     @classmethod
-    def of(cls, data: Trajectories, device: torch.device) -> StackedSet:
-        """A set that all seeds share, none of it supervised."""
+    def of(cls, data: Trajectories, device: torch.device, points: int | None = None) -> StackedSet:
+        """A set that all seeds share, none of it supervised; of its first ``points`` points alone, where these are all
+        that is asked for: the rest of a set of fields is not copied."""
+        if points is not None and points < len(data.t):
+            data = data.window(0, points)
         z_e = torch.from_numpy(data.z_e).unsqueeze(0).to(device)
         return cls(Windows.of(data, device), z_e, torch.zeros(len(data), device=device))
 
@@ -238,7 +241,6 @@ def task_of(
     card: ModelCard,
     device: torch.device,
     scale: Tensor | float = 1.0,
-    z_a_scale: Tensor | float = 1.0,
 ) -> Task:
     """The task of a training, or of what was trained so, for the model of a card.
 
@@ -258,7 +260,6 @@ def task_of(
         solver=Solver(**dict(training.solver or {})),
         z_e_scale=scale,
         supervision_weight=1.0 if weight is None else float(weight),
-        z_a_scale=z_a_scale,
         z_a_supervision_weight=float(z_a_weight or 0.0),
         bound=bound_of_card(card, device),
     )
