@@ -60,6 +60,11 @@ BROKEN = {
         {},
         r"row 2, column t: '0,0' is no number; for numbers with a comma set data.files.decimal",
     ),
+    "a quoted name over two lines": (
+        edited(lambda ls: ['"trial","t\n(s)",angle,speed', *ls[1:]]),
+        {},
+        "row 1: the quoted name of a column goes on in the next line; write each name in one line",
+    ),
     "infinity": (cell(7, 3, "inf"), {}, "row 7, column speed: 'inf' is no number"),
     "a huge number": (cell(7, 3, "1e40"), {}, "row 7, column speed: 1e\\+40 is far from all others"),
     "an underscore": (cell(7, 3, "1_000"), {}, "row 7, column speed: '1_000' is no number"),

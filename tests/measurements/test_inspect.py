@@ -55,7 +55,9 @@ def test_one_apparatus_has_one_value_of_what_is_a_constant_of_it(tmp_path, capsy
     ("row", "column", "cell", "message"),
     [
         (9, 0, "noon", "row 9, column t: 'noon' is no number"),
-        (9, 1, "1.2 mm", "row 9, column x: '1.2 mm' is no number"),
+        (9, 1, "1.2 mm", "row 9, column x: '1.2 mm' is no number; write units in the header"),
+        (9, 1, "12:30", "row 9, column x: '12:30' is no number; for dates and times set"),
+        (9, 1, "0.5±0.1", "row 9, column x: '0.5±0.1' is no number; expected a number"),
         (1, 0, "x", "two columns are called 'x'"),
     ],
 )
@@ -69,6 +71,16 @@ def test_one_bad_cell_is_told_and_changes_no_columns_meaning(tmp_path, capsys, r
     assert main(["inspect-data", str(path), "--output", str(tmp_path / "seen.png")]) == 2
     told = capsys.readouterr().err
     assert message in told and len(told.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("cell", "message"), [("{:.3f}°", "'1.000°' is no number; write units"), ("{:.2f}±0.1", "'1.00±0.1' is no number")]
+)
+def test_where_no_column_holds_numbers_a_cell_is_named(tmp_path, capsys, cell, message):
+    path = tmp_path / "spring.csv"
+    path.write_text("t,x\n" + "".join(f"{k / 50},{cell.format(k + 1)}\n" for k in range(200)))
+    assert main(["inspect-data", str(path), "--output", str(tmp_path / "seen.png")]) == 2
+    assert f"row 2, column x: {message}" in capsys.readouterr().err
 
 
 KINETICS = """

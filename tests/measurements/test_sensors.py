@@ -75,6 +75,17 @@ def test_saturation_is_said(inspected):
     assert "saturated" not in inspected(csv())[0] + inspected(csv(form="{:.2f}"))[0]
 
 
+@pytest.mark.parametrize(("counts", "form"), [(4096, "{:.0f}"), (256, "{:.0f}"), (65536, "{:.0f}"), (1, "{:.4f}")])
+def test_a_counter_that_starts_again_is_said(inspected, counts, form):
+    wrapped = Y[:, 0] / (2 * np.pi) * counts % counts
+    told, _ = inspected(csv([form.format(v) for v in wrapped]))
+    assert f"'theta' jumps by {counts}, as a counter does that starts again" in told
+    assert f"formula 2 * pi * x / {counts}" in told
+    switched = (Y[:, 0] > 0).astype(int) * counts
+    assert "starts again" not in inspected(csv([str(v) for v in switched]))[0], "on and off"
+    assert "starts again" not in inspected(csv([form.format(v) for v in np.abs(wrapped - counts / 2)]))[0]
+
+
 def test_rows_off_the_grid_are_said_everywhere(inspected, tmp_path):
     jitter = T + 0.02 * (np.arange(400) % 10 == 7)
     told, data = inspected(csv(t=jitter))

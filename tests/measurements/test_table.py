@@ -166,3 +166,13 @@ def test_a_sensors_second_value_of_one_moment_is_refused(tmp_path):
     path.write_text("sensor,t,value\na,0,1\nb,0,2\na,0,3\n")
     with pytest.raises(InputError, match="row 4: another row has sensor a at t 0"):
         read_table(path, TableKeys(pivot=Pivot(name="sensor", value="value")))
+
+
+def test_minus_signs_and_exponents_as_others_write_them(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text("t,x,y\n0,\N{MINUS SIGN}1.5,1.25D-03\n1,2,\N{MINUS SIGN}.5d2\n2,-1,3\n", encoding="utf-8")
+    read = read_table(path, TableKeys())
+    assert read.numbers("x").tolist() == [-1.5, 2, -1] and read.numbers("y").tolist() == [0.00125, -50, 3]
+    path.write_text("t,x\n0,1\n1,d2\n")
+    with pytest.raises(InputError, match="'d2' is no number"):
+        read_table(path, TableKeys()).numbers("x")

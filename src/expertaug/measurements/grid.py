@@ -15,6 +15,7 @@ from expertaug.measurements.trajectory import WHERE, Rows
 LYING = 0.7  # part of the rows on a grid, or of its points that have one, below which rows fit it badly
 FITTING = 0.5  # part of the steps from row to row that must lie on a grid
 WELL, PARTS = 0.9, 5  # part that lies on one where rows are missing, and of how many of its steps the usual one is
+SEVERAL = 10  # steps whose mean tells how many rows there are where none is missing
 NEAR = 1e-6  # relative distance of a step from a number of few digits that is taken for it
 
 
@@ -277,7 +278,15 @@ def _at_own_times(trajectories: Sequence[Rows], settings: MeasurementSettings, m
         last = np.maximum.accumulate(np.where(row >= 0, np.arange(len(row)), 0))
         u = _lines(rows, rows.t[row[last]] + step_s * (np.arange(len(row)) - last), 1.5 * median)
         series.append(replace(made, u=np.where(usable[:, None], u, np.nan)))
-    return Grid(series, step_s, 1, 0, None, share=step_s / median, moved=moved)
+    return Grid(series, step_s, 1, 0, None, share=min(1.0, step_s / _mean_step(trajectories, median)), moved=moved)
+
+
+def _mean_step(trajectories: Sequence[Rows], usual: float) -> float:
+    """The usual mean time in s of some successive steps from row to row: of times that alternate, or come at random, it
+    is longer than the usual step, and a few missing rows do not change it."""
+    each = [(rows.t, min(SEVERAL, len(rows.t) - 1)) for rows in trajectories if len(rows.t) > 1]
+    steps = [(t[several:] - t[:-several]) / several for t, several in each]
+    return max(usual, float(np.median(np.concatenate(steps))))
 
 
 def _resample(rows: Rows, own: slice, step_s: float, near: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -80,6 +80,8 @@ class Inspection:
             self.remarks.append(f"to be named under inputs, with their columns: {', '.join(self.names.inputs)}")
             self.names = Names(self.names.state, self.names.parameters, rates=self.names.rates)
         if not self.guess.columns:
+            for name in self.guess.unread:
+                self.table.numbers(name)  # says which cell is none
             raise InputError(self.files[0], "no column of numbers beside the times", "give a table of measurements")
         if self.guess.time.unit is None:
             check_seconds(self.table, self.guess.time.name, self.table.numbers(self.guess.time.name))
@@ -236,6 +238,10 @@ class Inspection:
             elif unit == "" and sensors.jumps_by_turns(series, 360.0):
                 remark = f"'{name}' jumps by 360, as an angle in degrees does"
                 self.remarks.append(f"{remark}: name a system that has it in rad (--system), and angles takes them out")
+            elif counts := sensors.starts_again_at(series):
+                remark = f"'{name}' jumps by {counts:g}, as a counter does that starts again"
+                mend = f"give its column the formula 2 * pi * x / {counts:g} and name it under angles"
+                self.remarks.append(f"{remark}: where that is a turn, {mend}; else unwrap it")
         return angles
 
     def lines(self) -> Iterator[str]:

@@ -19,6 +19,7 @@ MOST_MARKS = 3  # of one column
 REPEATED = 3  # rows with one value far from all others that are no coincidence
 LEVELS = 20  # different values, below which a column's extremes say nothing
 ROUNDING = 1e-6  # of a column's range: differences below are none
+COUNTS = (*(2.0**bits for bits in range(8, 33)), 1.0, 100.0, 400.0, 1e3, 3600.0, 1e4, 36000.0)  # of one turn
 STILL = 0.2  # share of the rows that are as the one before
 STUCK = 5  # rows in succession at one end of a sensor's range
 CROWDED = 4  # times as many rows as at the level beside it
@@ -122,6 +123,14 @@ def jumps_by_turns(series: Sequence[np.ndarray], turn: float = 2 * math.pi) -> b
     ]  # of others somebody took them out
     steps = np.abs(np.concatenate([np.zeros(0), *(np.diff(values) for values in within)])) / turn
     return bool((steps > 0.7).any() and not ((steps > 0.35) & (steps < 0.7)).any())
+
+
+def starts_again_at(series: Sequence[np.ndarray]) -> float | None:
+    """At how many counts a counter's numbers, (n,) of each trajectory, start again; None of others."""
+    several = [len(np.unique(values[np.isfinite(values)])) for values in series]
+    if max(several, default=0) < LEVELS:  # on and off
+        return None
+    return next((counts for counts in COUNTS if jumps_by_turns(series, counts)), None)
 
 
 def rows_stuck(values: np.ndarray) -> tuple[int, float] | None:

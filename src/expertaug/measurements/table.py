@@ -29,6 +29,7 @@ EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "–", "."}
 SEPARATORS = (",", ";", "\t", "|")
 LOOKED_AT = 1000  # lines, to find where a table begins
 ROWS_AT_ONCE = 2**16  # of a large text, that the parser holds beside what it found
+FORTRAN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")
 MANY_TEXTS = 2**16  # different ones, of which none is looked for among the others
 LARGE, HEAD = (
     2**20,
@@ -180,8 +181,10 @@ class Table:
         cell = str(cells[int(np.argmax(bad))])
         if re.fullmatch(r"\s*[-+]?\d+,\d+\s*", cell):
             return "for numbers with a comma set data.files.decimal to ','"
-        if re.match(r"\s*\d{1,4}[./:-]\d{1,2}[./:-]?\d", cell) and "-" not in cell.lstrip()[:1]:
+        if re.match(r"\s*(\d{1,4}[./:-]\d{1,2}[./:-]|\d{1,2}:\d\d)", cell):
             return "for dates and times set data.files.time to {name: …, unit: datetime}"
+        if re.fullmatch(r"\s*[-+\N{MINUS SIGN}]?\d+\.?\d*\s*[^\W\d_°%]*[°%]?\s*", cell):
+            return "write units in the header: a cell holds a number alone"
         return f"expected a number, or nothing where none was measured, {MARKED}"
 
     def _column(self, name: str) -> np.ndarray:
@@ -220,6 +223,9 @@ def _number(
         if not re.fullmatch(rf"[-+]?\d{{1,3}}({re.escape(thousands)}\d{{3}})+({re.escape(decimal)}\d*)?", text):
             return -np.inf
         text = text.replace(thousands, "")
+    text = text.replace("\N{MINUS SIGN}", "-")
+    if FORTRAN.fullmatch(text):
+        text = text.lower().replace("d", "e")
     try:
         number = float(text.replace(decimal, ".") if decimal != "." else text)
     except ValueError:
@@ -481,6 +487,10 @@ def _table_of(path: Path, text: str, keys: TableKeys) -> Table:
     if not lines:
         raise InputError(path, "holds no rows", "give a table with a row for each time")
     separator = _separator(lines[0][1]) if keys.separator is None else keys.separator
+    if keys.names is None and lines[0][1].count('"') % 2:
+        problem = f"row {lines[0][0]}: the quoted name of a column goes on in the next line"
+        remedy = "write each name in one line, or set data.files.skip_lines and names"
+        raise InputError(path, problem, remedy)
     try:
         rows = [(k, [cell.strip() for cell in _split(line, separator)]) for k, line in lines]
     except csv.Error as error:
