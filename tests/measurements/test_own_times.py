@@ -117,8 +117,8 @@ def test_where_no_chunk_has_enough_the_most_complete_ones_share_is_said(rows, tm
 
 def test_times_that_alternate_or_come_at_random_leave_long_chunks(tmp_path):
     """The median step is far below the mean one, by which alone most points of a chunk would count as missing."""
-    steps = np.random.default_rng(1).exponential(10, size=800).astype(int) + 3
-    for k, at in enumerate((np.cumsum(np.tile((3, 9), 400)), np.cumsum(steps))):
+    bursts = np.random.default_rng(1).choice((2, 12), p=(0.6, 0.4), size=800)
+    for k, at in enumerate((np.cumsum(np.tile((9, 3), 400)), np.cumsum(bursts))):
         y = swing(0.6, points=int(at[-1]) + 1, step=FINE)[at]
         columns = {"trial": np.zeros(len(at)), "t": at * FINE, "angle": y[:, 0], "speed": y[:, 1]}
         data = measure(own(table(tmp_path / f"{k}.csv", columns)), NAMES)

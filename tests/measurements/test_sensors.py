@@ -86,6 +86,33 @@ def test_a_counter_that_starts_again_is_said(inspected, counts, form):
     assert "starts again" not in inspected(csv([form.format(v) for v in np.abs(wrapped - counts / 2)]))[0]
 
 
+def test_a_reading_that_is_held_is_said(inspected):
+    told, _ = inspected(csv(np.repeat(Y[::4, 0], 4)))
+    assert "'theta' changes every 4 rows alone, as one that is held between its readings" in told
+    assert "saturated" not in told and "'omega' changes" not in told
+
+
+def test_a_logger_that_stood_still_is_said(inspected):
+    y = Y.copy()
+    y[100:130] = y[100]
+    told, _ = inspected(csv(y[:, 0], y[:, 1]))
+    assert "'theta' stays at" in told and "for 30 rows from row 102 on, and hardly ever elsewhere" in told
+    assert told.count("for 30 rows from row 102 on") == 2
+    assert "hardly ever" not in inspected(csv(form="{:.1f}"))[0] + inspected(csv())[0]
+
+
+def test_glitches_are_said_and_corners_are_none(inspected):
+    y = Y[:, 0].copy()
+    y[[50, 200, 333]] += 0.8
+    told, _ = inspected(csv(y))
+    assert "'theta' is far from the rows beside it in 3 rows, first in row 52" in told
+    t = 0.05 * np.arange(400)
+    height, ramp = np.abs(np.sin(1.3 * t)) ** 1.0, t % 3.7
+    jumps = np.sign(np.sin(1.3 * t)) + 0.001 * np.sin(5 * t)
+    for smooth in (Y[:, 0], height, ramp, jumps, np.round(Y[:, 0], 1)):
+        assert "far from the rows beside it" not in inspected(csv(smooth))[0]
+
+
 def test_rows_off_the_grid_are_said_everywhere(inspected, tmp_path):
     jitter = T + 0.02 * (np.arange(400) % 10 == 7)
     told, data = inspected(csv(t=jitter))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from logger_tables import T, Y, csv
 from swings import STEP, swing, table
 
 import expertaug as ea
@@ -44,6 +45,34 @@ def test_a_sensor_of_95_percent_is_told_with_an_error_as_large_as_the_errors():
     assert all(one.is_off for one in found)
     scores = [(one.factor - 0.95) / one.error for one in found]
     assert 0.6 < np.std(scores) < 1.6 and abs(np.mean(scores)) < 0.6
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_an_offset_has_its_error(noise):
+    found = [slope(series(1.0, noise, seed, offset=0.1)) for seed in range(20)]
+    assert all(one.offset_is_off and not one.factor_is_off for one in found)
+    assert np.mean([one.offset for one in found]) == pytest.approx(0.1, abs=0.005)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+@pytest.mark.parametrize("rows", [-7, 3, 10])
+def test_a_rate_that_comes_late_is_told_by_how_much(rows, noise):
+    states = np.stack([swing(0.3 + 0.2 * k, points=600) for k in range(3)])
+    shifted = np.stack([np.stack((one[20:-20, 0], one[20 - rows : len(one) - 20 - rows, 1]), 1) for one in states])
+    for seed in range(5):
+        each = series(0.9, noise, seed, states=shifted)
+        found = slope(each, delays=True)
+        assert found.delay_s == pytest.approx(rows * STEP, abs=STEP) and found.factor == pytest.approx(0.9, abs=0.02)
+        assert slope(each).delay_s == 0
+        assert slope(series(0.9, noise, seed), delays=True).delay_s == 0
+
+
+def test_an_even_rotation_has_a_factor():
+    """Neither change nor duration alone tell an offset then."""
+    t = 0.05 * np.arange(400)
+    found = slope([(t, 1.9 * t, np.full(400, 1.9))])
+    assert found.factor == pytest.approx(1) and not found.is_off
+    assert slope([(t, 1.9 * t, np.full(400, 1.8))]).factor == pytest.approx(1.8 / 1.9)
 
 
 def test_noise_of_the_angle_does_not_flatten_the_slope():
@@ -154,6 +183,24 @@ def test_without_a_system_names_units_or_a_close_fit_tell_a_rate(tmp_path, capsy
     assert main(["inspect-data", str(path), "--output", str(tmp_path / "seen.png")]) == 0
     told = capsys.readouterr().out
     assert (says in told) if says else ("of the slope of" not in told)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda y: np.stack((y[:, 1], y[:, 0]), 1), "omega is no slope of theta, which is its slope: the two columns"),
+        (lambda y: y * [1, -1], "of the slope of theta: one of the two has the other sign"),
+        (
+            lambda y: y + np.outer(T, [0.03, 0]),
+            "beside the slope of theta: an offset of the sensor, or a drift of theta",
+        ),
+        (lambda y: np.stack((y[6:, 0], y[:-6, 1]), 1), "omega: about 0.3 s behind the slope of theta"),
+    ],
+)
+def test_what_is_off_is_told_by_its_kind(inspected, change, says):
+    y = change(Y)
+    told, _ = inspected(csv(y[:, 0], y[:, 1], T[: len(y)]))
+    assert says in told and "sensors:" not in told
 
 
 @NEEDS_REAL

@@ -21,7 +21,7 @@ from expertaug.measurements.paths import list_files
 from expertaug.measurements.settings import MeasurementSettings, TableKeys, column_of
 from expertaug.measurements.table import read_table
 from expertaug.measurements.time_order import check_one_row_a_time, check_repeats, check_seconds, check_sortable
-from expertaug.measurements.trajectory import times_of
+from expertaug.measurements.trajectory import Rows, times_of
 from expertaug.measurements.units import conversion
 
 SHOWN, POINTS = 6, 4000  # trajectories of a picture, and points of each
@@ -208,17 +208,39 @@ class Inspection:
             if name not in self.settings.columns:
                 continue
             column = column_of(self.settings.columns[name]).name
-            of_files = {trajectory.rows.path: trajectory.rows for trajectory in self.data.grid.series}
-            for path in of_files:
-                values = np.concatenate(
-                    [trajectory.rows.y[:, k] for trajectory in self.data.grid.series if trajectory.rows.path == path]
-                )
-                where = f" in {path.name}" if len(of_files) > 1 else ""
-                if stuck := sensors.rows_stuck(values):
-                    remark = (
-                        f"'{column}' stays at {stuck[1]:.6g}, an end of its range{where}, for up to {stuck[0]} rows"
-                    )
-                    self.remarks.append(f"{remark}: if its sensor is saturated there, leave these cells empty")
+            each: dict[Path, list[Rows]] = {}
+            for trajectory in self.data.grid.series:
+                each.setdefault(trajectory.rows.path, []).append(trajectory.rows)
+            for path, trajectories in each.items():
+                values = np.concatenate([rows.y[:, k] for rows in trajectories])
+                line = np.concatenate([rows.line for rows in trajectories])
+                self.remarks += self._oddities(f"'{column}'", values, line, f" in {path.name}" if len(each) > 1 else "")
+
+    @staticmethod
+    def _oddities(column: str, values: np.ndarray, line: np.ndarray, where: str) -> Iterator[str]:
+        """What is odd about a column's numbers (n,) of the rows ``line`` of a file."""
+        if held := sensors.rows_held(values):
+            yield (
+                f"{column} changes every {held} rows alone{where}, as one that is held between its readings: leave the "
+                "repeated cells empty"
+            )
+            return
+        stuck = sensors.rows_stuck(values)
+        if stuck is not None:
+            yield (
+                f"{column} stays at {stuck[1]:.6g}, an end of its range{where}, for up to {stuck[0]} rows: if its "
+                "sensor is saturated there, leave these cells empty"
+            )
+        if (frozen := sensors.rows_frozen(values)) and (stuck is None or stuck[1] != frozen[2]):
+            yield (
+                f"{column} stays at {frozen[2]:.6g} for {frozen[0]} rows from row {line[frozen[1]]} on{where}, and "
+                "hardly ever elsewhere: if its sensor or logger stood still, leave these cells empty"
+            )
+        if len(places := sensors.spikes(values)):
+            yield (
+                f"{column} is far from the rows beside it in {_count(len(places), 'row')}{where}, first in row "
+                f"{line[places[0]]} ({values[places[0]]:.6g}): if these are glitches, leave the cells empty"
+            )
 
     def _angles(self) -> list[str]:
         """Components that jump by whole turns."""

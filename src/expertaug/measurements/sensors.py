@@ -22,6 +22,9 @@ ROUNDING = 1e-6  # of a column's range: differences below are none
 COUNTS = (*(2.0**bits for bits in range(8, 33)), 1.0, 100.0, 400.0, 1e3, 3600.0, 1e4, 36000.0)  # of one turn
 STILL = 0.2  # share of the rows that are as the one before
 STUCK = 5  # rows in succession at one end of a sensor's range
+FROZEN = 10  # rows of one number that are no chance where hardly any others repeat
+RARELY, MOSTLY = 0.05, 0.8  # share of the rows that repeat by chance, and of the readings that are held equally long
+SPIKE, SPIKES = 5.0, 0.05  # times what lies beside it, and four times that of what is usual; share of the rows
 CROWDED = 4  # times as many rows as at the level beside it
 
 
@@ -153,6 +156,54 @@ def rows_stuck(values: np.ndarray) -> tuple[int, float] | None:
         if longest >= STUCK and at.sum() > CROWDED * beside:
             return longest, float(end)
     return None
+
+
+def rows_held(values: np.ndarray) -> int | None:
+    """Every how many rows numbers (n,) change, where a sensor's reading is repeated until the next; None where they may
+    change in every row."""
+    lengths = np.diff(_runs(values)[0])[1:-1]
+    if len(lengths) < LEVELS:
+        return None
+    usual = int(np.median(lengths))
+    return usual if usual > 1 and (np.abs(lengths - usual) <= usual // 4).mean() >= MOSTLY else None
+
+
+def rows_frozen(values: np.ndarray) -> tuple[int, int, float] | None:
+    """Where numbers (n,) that otherwise change from row to row stay the same: the longest time in rows, the first of
+    them, and the value."""
+    begins, places = _runs(values)
+    lengths = np.diff(begins)
+    long = lengths >= FROZEN
+    others = lengths[~long]
+    if not long.any() or len(others) < LEVELS or (others - 1).sum() > RARELY * others.sum():
+        return None
+    longest = int(np.argmax(lengths))
+    first = int(places[begins[longest]])
+    return int(lengths[longest]), first, float(values[first])
+
+
+def _runs(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where runs of one number begin among those (m,) that are finite, with m at the end; and the places of these."""
+    places = np.flatnonzero(np.isfinite(values))
+    changes = np.flatnonzero(np.diff(values[places])) + 1
+    return np.concatenate(([0], changes, [len(places)])), places
+
+
+def spikes(values: np.ndarray) -> np.ndarray:
+    """Rows whose number, of (n,), is far from those beside it, which are near each other: glitches of a sensor.
+
+    A corner, such as that of a bounce, or a jump is none.
+    """
+    places = np.flatnonzero(np.isfinite(values))
+    y = values[places]
+    if len(y) < LEVELS:
+        return places[:0]
+    before, here, after = y[1:-3], y[2:-2], y[3:-1]
+    off = np.abs(here - (before + after) / 2)
+    beside = np.maximum(np.abs(before - y[:-4]), np.abs(y[4:] - after))
+    usual = 1.4826 * float(np.median(off))
+    found = places[2:-2][(off > SPIKE * np.maximum(beside, np.abs(after - before) / 2)) & (off > 4 * SPIKE * usual)]
+    return found if usual > 0 and len(found) <= SPIKES * len(y) else found[:0]
 
 
 def rows_of_a_period(series: Sequence[np.ndarray]) -> float | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -26,11 +26,16 @@ BLOCKS, FEWEST = 10, 4  # of windows that count as independent: wanted, and at l
 ROUNDS, FAR = 5, 4.685  # of Tukey's biweight, and where it ends in standard deviations
 LIKE, ALIKE = 0.9, 0.995  # squared correlation of integral and change, where names or units tell a rate, and where not
 LARGEST = 0.3  # logarithm of a sensor's scale: what is further off is another unit
+EVEN = 1e-6  # determinant, of a matrix with ones on its diagonal, below which two columns are one
+TRIED = 8  # delays to both sides
 NEAR = 0.1  # of one, for a factor of columns that nothing says to be a rate and its integral
 ROWS, COLUMNS = 20_000, 12  # that are looked at, and of which any pair may be one
 # What a column of a rate is called, whole or as a part between other signs; with what it is the rate of.
 _SECOND = 1  # place of s among a unit's powers
 RATES = {"speed", "velocity", "vel", "omega", "rate", "dot", "gyro", "v", "w"}
+
+
+_Rows = tuple[np.ndarray, np.ndarray, np.ndarray]  # of a trajectory: times, what changes, and its rate
 
 
 @dataclass(frozen=True)
@@ -42,18 +47,38 @@ class Slope:
         error: its standard error, by how blocks of windows scatter, with that of the integral between rows.
         blocks: how many.
         agreement: squared correlation of integral and change.
+        offset, offset_error: what the rate is beside that, in its unit, and its standard error.
+        size: the rate's root mean square.
+        delay_s: by how much the rate comes late, to a row, where it fits far better so; the rest is of it in time then.
     """
 
     factor: float
     error: float
     blocks: int
     agreement: float
+    offset: float = 0.0
+    offset_error: float = np.inf
+    size: float = np.inf
+    delay_s: float = 0.0
+
+    @property
+    def factor_is_off(self) -> bool:
+        """Whether the factor is surely another than one, by a share that matters."""
+        beyond = abs(self.factor - 1)
+        return beyond > MATTERS and self._is_sure(beyond, self.error)
 
     @property
     def is_off(self) -> bool:
-        """Whether the factor is surely another than one, by a share that matters."""
-        beyond = abs(self.factor - 1)
-        return beyond > MATTERS and beyond > float(stdtrit(self.blocks - 1, SURE)) * self.error
+        """Whether the one is surely not the slope of the other."""
+        return self.factor_is_off or self.offset_is_off or self.delay_s != 0
+
+    @property
+    def offset_is_off(self) -> bool:
+        """Whether the offset is surely not zero, and not small beside the rate."""
+        return abs(self.offset) > MATTERS * self.size and self._is_sure(abs(self.offset), self.offset_error)
+
+    def _is_sure(self, beyond: float, error: float) -> bool:
+        return beyond > float(stdtrit(self.blocks - 1, SURE)) * error
 
 
 @dataclass(frozen=True)
@@ -70,12 +95,13 @@ class _Windows:
         return len(self.change)
 
 
-def slope(series: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Slope | None:
+def slope(series: Sequence[_Rows], delays: bool = False) -> Slope | None:
     """Compare the integral of a rate with the change of what it is the rate of.
 
     Arguments:
         series: of each trajectory times in s, what changes, and its rate, (n,) each, NaN where nothing was measured;
             angles unwrapped.
+        delays: whether to look for a delay where the one hardly is the other's rate as it stands.
 
     Returns:
         None where there are too few rows to tell.
@@ -85,13 +111,40 @@ def slope(series: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Slope 
     lag = max(2, round(longest if period is None else min(period / 4, longest)))
     fit = other = None
     while (fit is None or other is None) and lag >= 2:  # shorter ones where few lie between gaps
-        fit, other = (_fit([_windows(*trajectory, lag, every) for trajectory in series], lag) for every in (1, 2))
-        lag //= 2
+        used, lag = lag, lag // 2
+        fit, other = (_fit([_windows(*trajectory, used, every) for trajectory in series], used) for every in (1, 2))
     if fit is None or other is None:
         return None
+    size = float(np.sqrt(np.nanmean(np.concatenate([np.square(rate) for _, _, rate in series]))))
     # The spline's error falls with the fourth power of the step.
     error = float(np.hypot(fit.error, abs(other.factor - fit.factor) / 15))
-    return Slope(fit.factor, error, fit.blocks, fit.agreement)
+    fit = replace(fit, error=error, size=size)
+    return _delayed(series, fit, used) if delays and fit.agreement < ALIKE else fit
+
+
+def _delayed(series: Sequence[_Rows], fit: Slope, lag: int) -> Slope:
+    """The fit with the delay, of up to two windows, with which it is best; the one without where that is not far
+    better."""
+    best, at, step = fit, 0, max(1, 2 * lag // TRIED)
+    while step:
+        around = (at + step * np.arange(-TRIED, TRIED + 1)).tolist() if at == 0 else [at - step, at + step]
+        for rows in around:
+            shifted = _fit([_windows(*_earlier(*trajectory, rows), lag, 1) for trajectory in series], lag)
+            better = shifted is not None and shifted.factor > 0 and shifted.agreement > best.agreement
+            if better and 0 < abs(rows) <= 2 * lag:
+                best, at = shifted, rows
+        step //= 2
+    if best is fit or best.agreement < LIKE or 1 - best.agreement > (1 - fit.agreement) / 2:
+        return fit
+    usual = float(np.nanmedian(np.concatenate([np.diff(t[np.isfinite(t)]) for t, _, _ in series])))
+    return replace(best, size=fit.size, delay_s=at * usual)
+
+
+def _earlier(t: np.ndarray, of: np.ndarray, rate: np.ndarray, rows: int) -> _Rows:
+    """A trajectory whose rate comes so many rows earlier; later where these are negative."""
+    if rows == 0:
+        return t, of, rate
+    return (t[:-rows], of[:-rows], rate[rows:]) if rows > 0 else (t[-rows:], of[-rows:], rate[:rows])
 
 
 def _windows(t: np.ndarray, of: np.ndarray, rate: np.ndarray, lag: int, every: int) -> _Windows:
@@ -144,18 +197,23 @@ def _fit(each: Sequence[_Windows], lag: int) -> Slope | None:
         weights = np.square(np.clip(1 - np.square(left / (FAR * size)), 0, None)) if size > 0 else (left <= 0) * 1.0
     squares = np.stack([z[block == k].T @ (weights[block == k, None] * x[block == k]) for k in range(count)])
     products = np.stack([z[block == k].T @ (weights[block == k] * integral[block == k]) for k in range(count)])
-    without = [_solve(squares.sum(0) - a, products.sum(0) - b)[0] for a, b in zip(squares, products, strict=True)]
-    error = float(np.sqrt((count - 1) / count * np.square(without - np.mean(without)).sum()))
-    factor = float(_solve(squares.sum(0), products.sum(0))[0])
-    if not np.isfinite(factor + error):
+    without = np.array(
+        [_solve(squares.sum(0) - a, products.sum(0) - b) for a, b in zip(squares, products, strict=True)]
+    )
+    errors = np.sqrt((count - 1) / count * np.square(without - without.mean(0)).sum(0))
+    factor, offset = map(float, _solve(squares.sum(0), products.sum(0)))
+    if not np.isfinite(factor + errors[0]):
         return None
     kept = weights > 0
     moves = kept.any() and np.ptp(change[kept]) > 0 and np.ptp(integral[kept]) > 0
     agreement = float(np.corrcoef(change[kept], integral[kept])[0, 1]) ** 2 if moves else 0.0
-    return Slope(factor, error, count, agreement)
+    return Slope(factor, float(errors[0]), count, agreement, offset, float(errors[1]))
 
 
 def _solve(square: np.ndarray, product: np.ndarray) -> np.ndarray:
+    """Factor and offset; no offset where the motion is so even that the two cannot be told apart."""
+    if abs(np.linalg.det(square)) <= EVEN * abs(square[0, 0] * square[1, 1]):
+        return np.array([product[0] / square[0, 0] if square[0, 0] else np.nan, 0.0])
     return np.linalg.lstsq(square, product, rcond=1e-12)[0]
 
 
@@ -167,17 +225,21 @@ class Off:
         rate, of: components.
         slope: how they compare.
         likely: whether anything but the numbers says that the one is the other's rate.
+        swapped: whether the other is this one's rate.
     """
 
     rate: str
     of: str
     slope: Slope
     likely: bool
+    swapped: bool = False
 
     @property
     def may_be_scale(self) -> bool:
         """Whether a sensor's scale, rather than another unit, may be it."""
-        return self.likely and self.slope.factor > 0 and abs(np.log(self.slope.factor)) < LARGEST
+        fit = self.slope
+        plain = self.likely and not self.swapped and fit.delay_s == 0 and fit.factor_is_off
+        return plain and fit.factor > 0 and abs(np.log(fit.factor)) < LARGEST
 
     def says(self, settings: MeasurementSettings) -> str:
         """One line."""
@@ -186,10 +248,23 @@ class Off:
             column = column_of(settings.columns[component]).name
             return component if column == component else f"{component} ('{column}')"
 
-        condition = "" if self.likely else "if it is its rate, "
-        factor, error = f"{self.slope.factor:.3g}", f"{self.slope.error:.1g}"
-        relation = f"{condition}{factor} (± {error}) of the slope of {called(self.of)}"
-        return f"{called(self.rate)}: {relation}: a scale, or other units, of the sensor"
+        fit, rate, of = self.slope, called(self.rate), called(self.of)
+        if self.swapped:
+            return f"{rate} is no slope of {of}, which is its slope: the two columns are swapped"
+        said = []
+        if fit.delay_s:
+            when = "behind" if fit.delay_s > 0 else "ahead of"
+            said.append(f"about {abs(fit.delay_s):.2g} s {when} the slope of {of}: its sensor's filter, or its times")
+        if fit.factor_is_off:
+            condition = "" if self.likely else "if it is its rate, "
+            cause = "a scale, or other units, of the sensor, or times that are off"
+            if fit.factor < 0:
+                cause = "one of the two has the other sign"
+            said.append(f"{condition}{fit.factor:.3g} (± {fit.error:.1g}) of the slope of {of}: {cause}")
+        if fit.offset_is_off:
+            cause = f"an offset of the sensor, or a drift of {self.of}"
+            said.append(f"{fit.offset:.3g} (± {fit.offset_error:.1g}) beside the slope of {of}: {cause}")
+        return f"{rate}: {'; '.join(said)}"
 
 
 def slopes_off(
@@ -205,20 +280,26 @@ def slopes_off(
     """
     names, off, most = list(state), list[Off](), max(ROWS // max(len(series), 1), 10 * SHORTEST)
 
-    def compared(rate: str, of: str) -> Slope | None:
+    def compared(rate: str, of: str, delays: bool = False) -> Slope | None:
         k, j = names.index(of), names.index(rate)
-        return slope([_of_rows(trajectory, k, j, most) for trajectory in series])
+        return slope([_of_rows(trajectory, k, j, most) for trajectory in series], delays)
+
+    def are_swapped(rate: str, of: str, fit: Slope) -> bool:
+        if fit.factor > 0 and fit.agreement >= LIKE:
+            return False
+        other = compared(of, rate)
+        return other is not None and abs(other.factor - 1) <= NEAR and other.agreement >= LIKE
 
     if rates:
         pairs = [(rate, of) for rate, of in rates.items() if rate in settings.columns and of in settings.columns]
-        each = [Off(rate, of, fit, True) for rate, of in pairs if (fit := compared(rate, of)) is not None]
-        return [candidate for candidate in each if candidate.slope.is_off]
+        each = [(rate, of, fit) for rate, of in pairs if (fit := compared(rate, of, True)) is not None and fit.is_off]
+        return [Off(*one, likely=True, swapped=are_swapped(*one)) for one in each]
     for rate in settings.columns:
         candidates = []
         for of in settings.columns:
             likely = _is_likely(settings, rate, of)
             asked = of != rate and (likely or len(settings.columns) <= COLUMNS)
-            fit = compared(rate, of) if asked else None
+            fit = compared(rate, of, likely) if asked else None
             if fit is not None and fit.factor > 0:
                 close = fit.agreement >= (LIKE if likely else ALIKE)
                 if close and (likely or abs(fit.factor - 1) <= NEAR):
