@@ -90,6 +90,8 @@ def test_a_reading_that_is_held_is_said(inspected):
     told, _ = inspected(csv(np.repeat(Y[::4, 0], 4)))
     assert "'theta' changes every 4 rows alone, as one that is held between its readings" in told
     assert "saturated" not in told and "'omega' changes" not in told
+    for other in (np.floor(T * 2) / 10, np.sign(np.sin(np.pi * T))):  # a coarse sensor on a ramp; on and off
+        assert "held between its readings" not in inspected(csv(other))[0]
 
 
 def test_a_logger_that_stood_still_is_said(inspected):
@@ -109,7 +111,10 @@ def test_glitches_are_said_and_corners_are_none(inspected):
     t = 0.05 * np.arange(400)
     height, ramp = np.abs(np.sin(1.3 * t)) ** 1.0, t % 3.7
     jumps = np.sign(np.sin(1.3 * t)) + 0.001 * np.sin(5 * t)
-    for smooth in (Y[:, 0], height, ramp, jumps, np.round(Y[:, 0], 1)):
+    noisy = np.random.default_rng(0).normal(0, 0.01, len(t))
+    turning = (np.pi + 0.02 * np.sin(t) + noisy) % (2 * np.pi)  # noise around the end of a turn
+    hopping = (0.02 * np.sin(t) + noisy) % (2 * np.pi)
+    for smooth in (Y[:, 0], height, ramp, jumps, np.round(Y[:, 0], 1), turning, hopping):
         assert "far from the rows beside it" not in inspected(csv(smooth))[0]
 
 

@@ -317,11 +317,14 @@ def draw(losses: Sequence[Loss], job: DissipationJob) -> Figure:
 
 
 def _measured(losses: Sequence[Loss]) -> tuple[float, float]:
-    """The mean over chunks of all recordings of a set, and its standard error."""
-    recordings = [of_one[0] for of_one in group_by(losses, lambda loss: loss.recording).values()]
-    weights = np.array([loss.chunks for loss in recordings]) / sum(loss.chunks for loss in recordings)
-    errors = np.array([loss.measured_se for loss in recordings])
-    return over_recordings(recordings)[0], float(np.sqrt(np.nansum((weights * errors) ** 2)))
+    """The mean over chunks of all recordings of a set, and its standard error: the median over versions and seeds, as E
+    has constants that each estimates."""
+    each = []
+    for of_one in group_by(losses, lambda loss: (loss.method, loss.seed)).values():
+        chunks, errors = (np.array([getattr(loss, name) for loss in of_one]) for name in ("chunks", "measured_se"))
+        each.append((over_recordings(of_one)[0], np.sqrt(np.nansum((chunks / chunks.sum() * errors) ** 2))))
+    measured, error = np.nanmedian(np.array(each), axis=0)
+    return float(measured), float(error)
 
 
 def _scale(axis: Axes, measured: float, dissipated: Sequence[float]) -> None:

@@ -236,7 +236,7 @@ class Inspection:
                 f"{column} stays at {frozen[2]:.6g} for {frozen[0]} rows from row {line[frozen[1]]} on{where}, and "
                 "hardly ever elsewhere: if its sensor or logger stood still, leave these cells empty"
             )
-        if len(places := sensors.spikes(values)):
+        if not sensors.is_wrapped([values]) and len(places := sensors.spikes(values)):
             yield (
                 f"{column} is far from the rows beside it in {_count(len(places), 'row')}{where}, first in row "
                 f"{line[places[0]]} ({values[places[0]]:.6g}): if these are glitches, leave the cells empty"

@@ -158,11 +158,19 @@ def rows_stuck(values: np.ndarray) -> tuple[int, float] | None:
     return None
 
 
+def is_wrapped(series: Sequence[np.ndarray]) -> bool:
+    """Whether numbers, (n,) of each trajectory, jump as an angle, a direction or a counter does that starts again."""
+    turns = any(jumps_by_turns(series, turn) for turn in (math.pi, 2 * math.pi, 360.0))
+    return turns or starts_again_at(series) is not None
+
+
 def rows_held(values: np.ndarray) -> int | None:
     """Every how many rows numbers (n,) change, where a sensor's reading is repeated until the next; None where they may
     change in every row."""
-    lengths = np.diff(_runs(values)[0])[1:-1]
-    if len(lengths) < LEVELS:
+    begins, places = _runs(values)
+    lengths, steps = np.diff(begins)[1:-1], np.abs(np.diff(values[places[begins[:-1]]]))
+    one_step = len(steps) > 0 and (steps <= 1.5 * steps.min()).mean() >= MOSTLY  # of a coarse sensor on a ramp
+    if len(lengths) < LEVELS or one_step:
         return None
     usual = int(np.median(lengths))
     return usual if usual > 1 and (np.abs(lengths - usual) <= usual // 4).mean() >= MOSTLY else None
@@ -201,9 +209,10 @@ def spikes(values: np.ndarray) -> np.ndarray:
     before, here, after = y[1:-3], y[2:-2], y[3:-1]
     off = np.abs(here - (before + after) / 2)
     beside = np.maximum(np.abs(before - y[:-4]), np.abs(y[4:] - after))
-    usual = 1.4826 * float(np.median(off))
+    steps = np.abs(np.diff(y))
+    usual = max(1.4826 * float(np.median(off)), float(steps[steps > 0].min(initial=np.inf)))
     found = places[2:-2][(off > SPIKE * np.maximum(beside, np.abs(after - before) / 2)) & (off > 4 * SPIKE * usual)]
-    return found if usual > 0 and len(found) <= SPIKES * len(y) else found[:0]
+    return found if len(found) <= SPIKES * len(y) else found[:0]
 
 
 def rows_of_a_period(series: Sequence[np.ndarray]) -> float | None:

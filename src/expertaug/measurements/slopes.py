@@ -128,10 +128,9 @@ def _delayed(series: Sequence[_Rows], fit: Slope, lag: int) -> Slope:
     best, at, step = fit, 0, max(1, 2 * lag // TRIED)
     while step:
         around = (at + step * np.arange(-TRIED, TRIED + 1)).tolist() if at == 0 else [at - step, at + step]
-        for rows in around:
+        for rows in (rows for rows in around if 0 < abs(rows) <= 2 * lag):
             shifted = _fit([_windows(*_earlier(*trajectory, rows), lag, 1) for trajectory in series], lag)
-            better = shifted is not None and shifted.factor > 0 and shifted.agreement > best.agreement
-            if better and 0 < abs(rows) <= 2 * lag:
+            if shifted is not None and shifted.factor > 0 and shifted.agreement > best.agreement:
                 best, at = shifted, rows
         step //= 2
     if best is fit or best.agreement < LIKE or 1 - best.agreement > (1 - fit.agreement) / 2:
@@ -141,9 +140,7 @@ def _delayed(series: Sequence[_Rows], fit: Slope, lag: int) -> Slope:
 
 
 def _earlier(t: np.ndarray, of: np.ndarray, rate: np.ndarray, rows: int) -> _Rows:
-    """A trajectory whose rate comes so many rows earlier; later where these are negative."""
-    if rows == 0:
-        return t, of, rate
+    """A trajectory whose rate comes so many rows earlier, not 0; later where these are negative."""
     return (t[:-rows], of[:-rows], rate[rows:]) if rows > 0 else (t[-rows:], of[-rows:], rate[:rows])
 
 
@@ -256,15 +253,15 @@ class Off:
             when = "behind" if fit.delay_s > 0 else "ahead of"
             said.append(f"about {abs(fit.delay_s):.2g} s {when} the slope of {of}: its sensor's filter, or its times")
         if fit.factor_is_off:
-            condition = "" if self.likely else "if it is its rate, "
             cause = "a scale, or other units, of the sensor, or times that are off"
             if fit.factor < 0:
                 cause = "one of the two has the other sign"
-            said.append(f"{condition}{fit.factor:.3g} (± {fit.error:.1g}) of the slope of {of}: {cause}")
+            said.append(f"{fit.factor:.3g} (± {fit.error:.1g}) of the slope of {of}: {cause}")
         if fit.offset_is_off:
             cause = f"an offset of the sensor, or a drift of {self.of}"
             said.append(f"{fit.offset:.3g} (± {fit.offset_error:.1g}) beside the slope of {of}: {cause}")
-        return f"{rate}: {'; '.join(said)}"
+        condition = "" if self.likely else "if it is its rate, "
+        return f"{rate}: {condition}{'; '.join(said)}"
 
 
 def slopes_off(
