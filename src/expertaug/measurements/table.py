@@ -29,12 +29,9 @@ EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "–", "."}
 SEPARATORS = (",", ";", "\t", "|")
 LOOKED_AT = 1000  # lines, to find where a table begins
 ROWS_AT_ONCE = 2**16  # of a large text, that the parser holds beside what it found
-FORTRAN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")
+FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[-+]?\d+$)")  # the letter before an exponent
 MANY_TEXTS = 2**16  # different ones, of which none is looked for among the others
-LARGE, HEAD = (
-    2**20,
-    2**16,
-)  # bytes of a text that is not read line by line, and of what is read of it to see its columns
+LARGE, HEAD = 2**20, 2**16  # bytes of a text that is not read line by line, and of what tells its columns
 # Lines that are a comment or hold nothing, letters of an encoding, and what else than \n may end a line.
 _NOT_PLAIN = re.compile(rb"[\r\x0b\x0c\x1c-\x1e\0\x80-\xff]|^[ \t,;|]*(?:[#%]|$)", re.MULTILINE)
 
@@ -223,9 +220,7 @@ def _number(
         if not re.fullmatch(rf"[-+]?\d{{1,3}}({re.escape(thousands)}\d{{3}})+({re.escape(decimal)}\d*)?", text):
             return -np.inf
         text = text.replace(thousands, "")
-    text = text.replace("\N{MINUS SIGN}", "-")
-    if FORTRAN.fullmatch(text):
-        text = text.lower().replace("d", "e")
+    text = FORTRAN.sub("e", text.replace("\N{MINUS SIGN}", "-"))
     try:
         number = float(text.replace(decimal, ".") if decimal != "." else text)
     except ValueError:
@@ -489,8 +484,7 @@ def _table_of(path: Path, text: str, keys: TableKeys) -> Table:
     separator = _separator(lines[0][1]) if keys.separator is None else keys.separator
     if keys.names is None and lines[0][1].count('"') % 2:
         problem = f"row {lines[0][0]}: the quoted name of a column goes on in the next line"
-        remedy = "write each name in one line, or set data.files.skip_lines and names"
-        raise InputError(path, problem, remedy)
+        raise InputError(path, problem, "write each name in one line, or set data.files.skip_lines and names")
     try:
         rows = [(k, [cell.strip() for cell in _split(line, separator)]) for k, line in lines]
     except csv.Error as error:
