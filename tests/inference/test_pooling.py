@@ -20,3 +20,8 @@ def test_what_scatters_beyond_its_errors_has_a_spread():
     assert found.spread == pytest.approx(np.sqrt(4 - 0.25))  # variance of the values less that of their errors
     alone = pool(values, None)
     assert (alone.value, alone.error, alone.spread) == (2.0, pytest.approx(2 / np.sqrt(3)), pytest.approx(2.0))
+
+
+def test_a_value_without_an_error_is_the_mean():
+    found = pool(np.array([1.0, 2.0, 3.0]), np.array([0.0, 0.5, 0.5]))
+    assert (found.value, found.spread) == (pytest.approx(1.0), 0.0) and found.error >= 0

@@ -33,6 +33,7 @@ from expertaug.inference.least_squares import WindowFit, refine_by, with_overdis
 from expertaug.inference.levenberg_marquardt import DAMPING, adapt_damping, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
 from expertaug.inference.shared import fit_shared, fit_shared_of_seeds
+from expertaug.inference.teacher_forcing import check_measured, learn_next_points
 from expertaug.inference.window_problem import assumed_noise
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback
 from expertaug.learning.expert_share import expert_sizes, squares_beside_expert
@@ -137,11 +138,7 @@ class Alternation:
     def begin(self) -> None:
         """First estimates of every training window, by the expert alone, and the size of its rates along them."""
         p, q, _ = self.fit.sizes
-        for first in range(0, self.count, self.batch):
-            windows = self.train[:, :, first : first + self.batch]
-            x = self.first_fit.best_of_grid(windows)[:, :, 0]
-            residuals = partial(_residuals, self.first_fit, windows)
-            self.x[:, first : first + self.batch] = minimise(residuals, x, FIRST_STEPS, self.fit.longest).x
+        self._fit_all(self.first_fit, lambda windows, _: self.first_fit.best_of_grid(windows)[:, :, 0])
         self.x[..., p : p + q] = SPREAD * RandomStreams(self.seeds, 0).normal(self.count, q).double()
         index = torch.arange(self.batch).expand(len(self.seeds), -1)
         windows, x = self._windows(index), self._of(self.x, index)
@@ -150,6 +147,27 @@ class Alternation:
         self.rates = expert_sizes(system, states, z_e, self.fit.t, inputs_of(system, windows))
         # An expert that without F_a had better not move at all says nothing of how large a rate is.
         self.rates = torch.maximum(self.rates, LEAST_RATE * self._slopes())
+
+    def learn_next_points(self) -> None:
+        """First steps from each measured point to the next, and estimates with what F_a is then."""
+        settings = self.settings.teacher_forcing
+        assert settings is not None
+        batches = (self._batch(step) for step in range(settings.steps))
+        self.x = learn_next_points(self.fit, self.train, self.x, batches, settings, self.name)
+        self._fit_all(self.fit, lambda _, x: x)
+        self.refit()
+        self._select()
+
+    @torch.no_grad()
+    def _fit_all(self, fit: WindowFit, start: Callable[[Tensor, Tensor], Tensor]) -> None:
+        """A few steps of every training window's estimates, from what ``start`` makes of windows and estimates."""
+        size = len(self.seeds) if fit is self.fit else 1
+        for first in range(0, self.count, self.batch):
+            some = slice(first, first + self.batch)
+            part = self.train[:, :, some]
+            windows = part.expand(-1, size, *part.shape[2:])
+            x = start(windows, self.x[:, some])
+            self.x[:, some] = minimise(partial(_residuals, fit, windows), x, FIRST_STEPS, fit.longest).x
 
     def _slopes(self) -> Tensor:
         """Root mean square slope of each component of the training windows, (K,); 0 of what nobody measured."""
@@ -172,7 +190,7 @@ class Alternation:
 
     def step(self) -> dict[str, Tensor]:
         """Improve a batch's estimates by one step each, then F_a by one gradient step; the loss's parts, each (S,)."""
-        index = self._batch()
+        index = self._batch(self.step_)
         windows, x, damping = self._windows(index), self._of(self.x, index), self._of(self.damping, index)
         x_new, cost = trial(partial(_residuals, self.fit, windows), x, damping, self.fit.longest)
         states = self.fit.states(x_new, windows)
@@ -250,6 +268,8 @@ class Alternation:
         if self.step_ == 0:
             begun = time.monotonic()
             self.begin()
+            if settings.teacher_forcing is not None:
+                self.learn_next_points()
             self.seconds += time.monotonic() - begun
         while self.step_ < settings.steps:
             begun = time.monotonic()
@@ -300,9 +320,9 @@ class Alternation:
             self.name, self.step_, self.settings.steps, parts["loss"].mean(), best, self.seconds, left,
         )  # fmt: skip
 
-    def _batch(self) -> Tensor:
-        """Windows (S, B) of this step, in an order that depends on the seed and the pass alone."""
-        passes, k = divmod(self.step_, max(self.count // self.batch, 1))
+    def _batch(self, step: int) -> Tensor:
+        """Windows (S, B) of a step, in an order that depends on the seed and the pass alone."""
+        passes, k = divmod(step, max(self.count // self.batch, 1))
         order = [np.random.default_rng([seed, passes]).permutation(self.count) for seed in self.seeds]
         return torch.from_numpy(np.stack(order))[:, k * self.batch : (k + 1) * self.batch]
 
@@ -477,6 +497,8 @@ def prepare(
     if described.model.interaction is None:
         raise InputError("model.interaction", "missing", "the training is of an interaction model")
     check_trainable(system)
+    if options.training.teacher_forcing is not None:
+        check_measured(system)
     training, seeds = options.training, options.seeds
     shares = options.refinement.settings.shares
     card = ModelCard.of(

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+ALONE = 1e-9  # share of all weight that is left to the others beside a value that has next to no error
+
 
 @dataclass(frozen=True)
 class Pooled:
@@ -13,7 +15,8 @@ class Pooled:
 
     Attributes:
         value, error: and its standard error.
-        spread: standard deviation of what the values are of, beyond their own errors.
+        spread: standard deviation of what the values are of, beyond their own errors; 0 where one of them has next to no error, beside
+            which the others weigh nothing.
         groups: number of values.
     """
 
@@ -39,7 +42,12 @@ def pool(values: np.ndarray, errors: np.ndarray | None, blocks: np.ndarray | Non
     if count > 1:
         scatter = weights @ np.square(values - weights @ values / weights.sum())
         freedom = weights.sum() - np.square(weights).sum() / weights.sum()
-        beyond = max(0.0, scatter - (count - 1)) / freedom if has_errors else scatter / (count - 1)
+        if not has_errors:
+            beyond = scatter / (count - 1)
+        elif freedom > ALONE * weights.sum():
+            beyond = max(0.0, scatter - (count - 1)) / freedom
+        else:
+            beyond = 0.0
         spread = float(np.sqrt(beyond))
         weights = 1 / (variance + beyond) if has_errors else weights
     mean = float(weights @ values / weights.sum())

@@ -130,6 +130,16 @@ class OwnWindows(Settings):
     z_a_from: Literal["posterior", "prior"] = key("posterior", "what their z_a are drawn from, as augmented_z_a says")
 
 
+class TeacherForcing(Settings):
+    """First steps of F_a, on forecasts from each measured point to the next: for an expert that alone leads far from
+    the data. Every component is to be measured."""
+
+    WHERE: ClassVar[str] = "alternation.teacher_forcing"
+
+    steps: Count = key(1000, "number of gradient steps")
+    learning_rate: Positive = key(0.01, "learning rate of Adam, at its peak")
+
+
 class AlternatingSettings(Settings):
     """A training of F_a without an encoder: each window's own estimates, and gradient steps on F_a, in turns."""
 
@@ -157,6 +167,11 @@ class AlternatingSettings(Settings):
     )
     threshold: Positive = key(
         5.0, "residuals far beyond this many standard deviations of the noise hardly count (Cauchy loss)"
+    )
+    teacher_forcing: TeacherForcing | None = key(
+        None,
+        "first steps of F_a, from each measured point to the next, where the expert alone leads far from the data; "
+        "null = none",
     )
     train_samples: Count | None = key(None, "maximum number of training windows, spread evenly; null = all")
     validate_every: Count = key(50, "number of steps from one validation to the next")
