@@ -24,8 +24,10 @@ from expertaug.measurements.table import read_table
         (lambda v: f"{v:,.1f}", {"thousands": ","}),
         (lambda v: f"{v:,.0f}".replace(",", "."), {"thousands": ".", "decimal": ","}),
         (lambda v: f"{v:,.2f}".replace(",", "'"), {"thousands": "'"}),
+        (lambda v: f"{v:,.1f}".replace(",", "\u202f").replace(".", ","), {"thousands": "\u202f", "decimal": ","}),
+        (lambda v: f"{v:,.1f}".replace(",", "\u00a0"), {"thousands": "\u00a0"}),
     ],
-    ids=["1.234,5", "1,234.5", "1.234", "1'234.50"],
+    ids=["1.234,5", "1,234.5", "1.234", "1'234.50", "narrow blank", "blank that keeps a line together"],
 )
 def test_thousands_are_recognised(inspected, numbers, keys):
     lines = ["t;theta;omega", *(f"{k};{numbers(3000 * a)};{numbers(3000 * b)}" for k, (a, b) in enumerate(Y))]
@@ -44,6 +46,7 @@ PREAMBLES = {
     "words": "Device: logger 7\nSerial 1234\nStart: 2021-03-28 10:00\n\n",
     "pairs": "Writer,2\nSeparator,Comma\nDate,2021/03/28\n***End***\n\nChannels,2,\nSamples,400,400,\n",
     "one word": "Measurement\n",
+    "a name above empty cells": "mass A,,\n",
 }
 
 
@@ -55,7 +58,7 @@ def test_lines_of_a_logger_above_the_table_are_skipped(inspected, above, units, 
     told, data = inspected(text)
     assert data["files"]["skip_lines"] == PREAMBLES[above].count("\n") and "lines above the table" in told
     np.testing.assert_allclose(rows_of(data).y, Y, atol=1e-5)
-    if above != "one word":
+    if above in ("words", "pairs"):
         with pytest.raises(InputError, match=f"skip_lines to {PREAMBLES[above].count(chr(10))}"):
             read_table(tmp_path / "a.csv", TableKeys())
 
@@ -78,6 +81,33 @@ def test_long_tables_are_pivoted(inspected, order):
     told, data = inspected("\n".join([LONG[0], *rows]) + "\n")
     assert data["files"]["pivot"] == {"name": "sensor", "value": "value"} and "long format" in told
     np.testing.assert_allclose(rows_of(data).y, Y, atol=1e-5)
+
+
+BESIDE = {
+    "Vernier": ("Run {}: Time (s)", "Run {}: Angle (rad)", "Run {}: Velocity (rad/s)"),
+    "PASCO": ("Time (s) Run #{}", "Angle (rad) Run #{}", "Velocity (rad/s) Run #{}"),
+    "numbers": ("t{}", "theta{}", "omega{}"),
+}
+
+
+@pytest.mark.parametrize("names", BESIDE.values(), ids=BESIDE)
+def test_runs_beside_each_other_are_refused(inspected, names):
+    header = ",".join(name.format(run) for run in (1, 2) for name in names)
+    rows = [f"{t:.2f},{a:.5f},{b:.5f},{t:.2f},{2 * a:.5f},{2 * b:.5f}" for t, (a, b) in zip(T, Y, strict=True)]
+    told, _ = inspected("\n".join([header, *rows]) + "\n", status=2)
+    assert "2 runs beside each other, with times" in told and "save a file for each" in told
+
+
+def test_two_bodies_are_not_two_runs(inspected):
+    rows = [f"{t:.2f},{a:.5f},{b:.5f},{2 * a:.5f}" for t, (a, b) in zip(T, Y, strict=True)]
+    _, data = inspected("\n".join(["time,theta,omega,theta2", *rows]) + "\n")
+    assert data["files"]["columns"].keys() == {"theta", "omega"}
+
+
+def test_seconds_beside_milliseconds_are_no_trajectories(inspected):
+    rows = [f"{int(t)},{round(1000 * (t % 1)) % 1000},{a:.5f},{b:.5f}" for t, (a, b) in zip(T, Y, strict=True)]
+    told, _ = inspected("\n".join(["s,ms,theta,omega", *rows]) + "\n", status=2)
+    assert "'s' and 'ms' are parts of the time" in told
 
 
 def test_long_tables_of_several_trajectories_units_and_rates(inspected):

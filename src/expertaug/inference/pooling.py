@@ -15,8 +15,8 @@ class Pooled:
 
     Attributes:
         value, error: and its standard error.
-        spread: standard deviation of what the values are of, beyond their own errors; 0 where one of them has next to no error, beside
-            which the others weigh nothing.
+        spread: standard deviation of what the values are of, beyond their own errors; 0 beside one with next to no
+            error, which alone has a weight.
         groups: number of values.
     """
 

@@ -244,8 +244,8 @@ def _trajectory(numbers: Mapping[str, np.ndarray], table: Table) -> str | None:
 
 def _is_of_time(name: str, values: np.ndarray) -> bool:
     """Whether a column of whole numbers is a time or a part of one, as tv_sec beside tv_usec."""
-    words = re.split(r"[\W_]+", name.lower())
-    units = [parse(word) for word in words if len(word) > 1 and not unsure(word)]
+    words = [word for word in re.split(r"[\W_]+", name.lower()) if word]
+    units = [parse(word) for word in words if (len(word) > 1 and not unsure(word)) or words == ["s"]]
     of_time = any(unit is not None and unit.kind == "time" for unit in units)
     return of_time or _bare(name) in TIMES or is_since_1970(float(values[0])) is not None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +24,11 @@ from expertaug.measurements.table import (
 )
 
 COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
-WHOLE = re.compile(r"[-+]?\d{1,3}|[-+]?[1-9]\d{0,2}([.,' ]\d{3})+")  # as 987 and 1.234, and never 1.2
+BLANKS = "\u0020\u00a0\u2009\u202f"  # of every width: French tables have a narrow one
+WHOLE = re.compile(rf"[-+]?\d{{1,3}}|[-+]?[1-9]\d{{0,2}}([.,'{BLANKS}]\d{{3}})+")  # as 987 and 1.234, and never 1.2
+# What tells runs apart in the names of their columns, as Latest, Run 2 and #3.
+RUN = re.compile(r"\b(latest|run|trial|data set|dataset|series|serie|lauf|versuch|messung)\b|\d+")
+TIMES = ("t", "time", "zeit", "temps", "tiempo", "tempo")
 SEVERAL = 3  # numbers of each kind that are no coincidence
 MOST_SENSORS = 200  # of a table in long format
 # What the columns of such a table are often called.
@@ -86,6 +91,7 @@ def recognise(path: Path, overrides: Mapping[str, object] | None = None) -> Layo
     if "decimal" not in keys and any(_has_commas(cells) for cells in table.cells.values()):
         keys["decimal"] = ","
         table = read(read_table)
+    _refuse_runs_beside(table)
     if "pivot" not in keys and (pivot := _long(table)):
         keys["pivot"] = pivot
         remarks.append(f"long format: the '{pivot['value']}' of each '{pivot['name']}' becomes a column")
@@ -94,11 +100,13 @@ def recognise(path: Path, overrides: Mapping[str, object] | None = None) -> Layo
 
 
 def _is_table(read: Callable[[Callable], Table]) -> bool:
-    """Whether the file is a table from its first line on, with several columns."""
+    """Whether the file is a table from its first line on, with several columns, most of which have a name."""
     try:
-        return len(read(head_of).names) > 1
+        names = read(head_of).names
     except InputError:
         return False
+    unnamed = sum(bool(re.fullmatch(r"column \d+", name)) for name in names)
+    return len(names) > 1 and 2 * unnamed < len(names)
 
 
 def _has_no_header(read: Callable[[Callable], Table]) -> bool:
@@ -130,7 +138,7 @@ def _thousands(table: Table) -> Marks | None:
         if several and all(map(WHOLE.fullmatch, texts)) and len({match["thousands"] for match in matches}) == 1:
             mark = matches[0]["thousands"]
             return Marks(mark, "," if mark == "." else ".", matches[0][0])
-        if matches and matches[0]["thousands"] in "' " and all(map(WHOLE.fullmatch, texts)):
+        if matches and matches[0]["thousands"] in f"'{BLANKS}" and all(map(WHOLE.fullmatch, texts)):
             return Marks(matches[0]["thousands"], ".", matches[0][0])  # nothing else stands so in a number
     return None
 
@@ -151,6 +159,22 @@ def _has_commas(cells: np.ndarray) -> bool:
             return False
         several |= "," in text
     return several
+
+
+def _refuse_runs_beside(table: Table) -> None:
+    """Refuse a table in which runs stand beside each other, each with times of its own.
+
+    Raises:
+        InputError: the name of the times and another come again, apart from what tells runs apart.
+    """
+    bare = [re.sub(r"[^\w]+|_", " ", RUN.sub(" ", name.lower())).strip() for name in table.names]
+    counts = Counter(bare)
+    times = [name for name in counts if set(name.split()) & set(TIMES)]
+    runs = counts[times[0]] if len(times) == 1 else 1
+    if runs > 1 and any(count == runs for name, count in counts.items() if name not in times):
+        these = ", ".join(f"'{name}'" for name, of in zip(table.names, bare, strict=True) if of in times)
+        remedy = "save a file for each, or put them below each other with a column that names the run"
+        raise InputError(table.path, f"has {runs} runs beside each other, with times {these}", remedy)
 
 
 def _long(table: Table) -> dict[str, object] | None:

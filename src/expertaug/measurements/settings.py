@@ -179,7 +179,7 @@ class TableKeys(Settings):
         None, "what separates the cells: a character, tab, or space for any blanks; null = as in the first row"
     )
     decimal: Literal[".", ","] = key(".", "the decimal separator")
-    thousands: Literal[".", ",", "'", " "] = key(
+    thousands: Literal[".", ",", "'", " ", "\u00a0", "\u2009", "\u202f"] = key(
         LEFT_OUT, "what separates thousands, as the dot in 1.234,5; left out = nothing does"
     )
     skip_lines: int = key(0, "number of lines to skip at the beginning of each file", ge=0, le=MANY)

@@ -23,7 +23,7 @@ COMMENTS = ("#", "%")
 MARKED = "or what data.files.missing names"
 # A number with its thousands told apart: by what, and what then begins the fraction.
 THOUSANDS = re.compile(
-    r"[-+]?[1-9]\d{0,2}(?:(?P<thousands>[.,' ])\d{3})(?:(?P=thousands)\d{3})*(?:(?P<decimal>[.,])\d+)?"
+    r"[-+]?[1-9]\d{0,2}(?:(?P<thousands>[.,'\u0020\u00a0\u2009\u202f])\d{3})(?:(?P=thousands)\d{3})*(?:(?P<decimal>[.,])\d+)?"
 )
 EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "–", "."}
 SEPARATORS = (",", ";", "\t", "|")
@@ -450,9 +450,9 @@ def lines_above(text: str) -> int:
         header = [k for k in counted if rows and k < rows[0]]
         if len(rows) < 3 or not header or len(rows) * len(cells[rows[-1]]) <= best:
             continue
-        place = header[-1]
-        if len(header) > 1 and len(cells[header[-2]]) == len(cells[place]) == len(cells[rows[0]]):
-            place = header[-2]  # names, and a row of units below
+        place, two, width = header[-1], header[-2:], len(cells[rows[0]])
+        if len(two) > 1 and {len(cells[k]) for k in two} == {width} and 2 * sum(map(bool, cells[two[0]])) > width:
+            place = two[0]  # names, and a row of units below
         if len(cells[place]) >= len(cells[rows[-1]]):
             best, begins = len(rows) * len(cells[rows[-1]]), place
     return begins
