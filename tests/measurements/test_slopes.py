@@ -75,6 +75,29 @@ def test_an_even_rotation_has_a_factor():
     assert slope([(t, 1.9 * t, np.full(400, 1.8))]).factor == pytest.approx(1.8 / 1.9)
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_an_angle_without_its_sign_has_another_slope(noise):
+    found = [slope([(t, np.abs(of), rate) for t, of, rate in series(noise=noise, seed=seed)]) for seed in range(10)]
+    assert all(one.is_apart and not one.jumps for one in found)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_where_another_motion_begins_the_angle_jumps(noise):
+    first, second = series(noise=noise)[:2]
+    joined = [np.concatenate(both) for both in zip(first, second, strict=True)]
+    joined[0] = STEP * np.arange(len(joined[0]))
+    assert slope([tuple(joined)]).jumps == pytest.approx((STEP * len(first[0]),))
+    glitch = [column.copy() for column in first]
+    glitch[1][20] += 1.0
+    assert not slope([tuple(glitch)]).jumps
+
+
+def test_a_bounce_is_no_jump_of_the_height():
+    t, g = 0.02 * np.arange(200), 9.81
+    phase = (t + 0.37) % 0.8 - 0.4  # of a ball that falls and bounces without loss
+    assert not slope([(t, 0.5 * g * (0.16 - phase**2), -g * phase)]).is_off
+
+
 def test_noise_of_the_angle_does_not_flatten_the_slope():
     """Plain regression of the integral on the change would find about .95 of these, and alarm."""
     small = [(t, of, rate) for t, of, rate in series(states=EXACT[:1] * 0.5)]
@@ -195,6 +218,8 @@ def test_without_a_system_names_units_or_a_close_fit_tell_a_rate(tmp_path, capsy
             "beside the slope of theta: an offset of the sensor, or a drift of theta",
         ),
         (lambda y: np.stack((y[6:, 0], y[:-6, 1]), 1), "omega: about 0.3 s behind the slope of theta"),
+        (lambda y: np.stack((np.abs(y[:, 0]), y[:, 1]), 1), "omega: far from the slope of theta: one of them has lost"),
+        (lambda y: np.concatenate((y[:195], 0.5 * y[100:195])), "nothing in it of the jump of theta before 9.75 s"),
     ],
 )
 def test_what_is_off_is_told_by_its_kind(inspected, change, says):

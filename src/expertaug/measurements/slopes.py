@@ -24,10 +24,14 @@ SURE, MATTERS = 0.9995, 0.02  # one-sided level at which a factor is not one, an
 GAP, SHORTEST = 2.5, 9  # usual steps that a stretch bridges in any case, and rows that it must have
 BLOCKS, FEWEST = 10, 4  # of windows that count as independent: wanted, and at least
 ROUNDS, FAR = 5, 4.685  # of Tukey's biweight, and where it ends in standard deviations
+UNLIKE, CLEAR = 0.5, 0.9  # squared correlation below which the two differ, of columns with so little noise
 LIKE, ALIKE = 0.9, 0.995  # squared correlation of integral and change, where names or units tell a rate, and where not
 LARGEST = 0.3  # logarithm of a sensor's scale: what is further off is another unit
 EVEN = 1e-6  # determinant, of a matrix with ones on its diagonal, below which two columns are one
 TRIED = 8  # delays to both sides
+APART, SHARE = 0.1, 0.2  # of the usual integral, by how much a window is apart from the slope; and of all windows
+JUMP, RARE = 0.25, 5  # of the usual integral: of one row to the next; and how many there may be
+BEYOND = 12.0  # standard deviations
 NEAR = 0.1  # of one, for a factor of columns that nothing says to be a rate and its integral
 ROWS, COLUMNS = 20_000, 12  # that are looked at, and of which any pair may be one
 # What a column of a rate is called, whole or as a part between other signs; with what it is the rate of.
@@ -50,6 +54,9 @@ class Slope:
         offset, offset_error: what the rate is beside that, in its unit, and its standard error.
         size: the rate's root mean square.
         delay_s: by how much the rate comes late, to a row, where it fits far better so; the rest is of it in time then.
+        apart: share of the windows in which the two are far from each other.
+        clear: whether both move by far more than their noise.
+        jumps: times in s before which what changes does so at once, and the rate says nothing of it.
     """
 
     factor: float
@@ -60,22 +67,31 @@ class Slope:
     offset_error: float = np.inf
     size: float = np.inf
     delay_s: float = 0.0
+    apart: float = 0.0
+    clear: bool = False
+    jumps: tuple[float, ...] = ()
 
     @property
     def factor_is_off(self) -> bool:
-        """Whether the factor is surely another than one, by a share that matters."""
+        """Whether there is a factor, and it is surely another than one, by a share that matters."""
         beyond = abs(self.factor - 1)
-        return beyond > MATTERS and self._is_sure(beyond, self.error)
+        return not self.is_apart and beyond > MATTERS and self._is_sure(beyond, self.error)
 
     @property
     def is_off(self) -> bool:
         """Whether the one is surely not the slope of the other."""
-        return self.factor_is_off or self.offset_is_off or self.delay_s != 0
+        return self.factor_is_off or self.offset_is_off or self.delay_s != 0 or self.is_apart or bool(self.jumps)
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether the one does not follow the other's slope, or not in a share of the windows that matters."""
+        return self.apart > SHARE or (self.clear and self.agreement < UNLIKE)
 
     @property
     def offset_is_off(self) -> bool:
         """Whether the offset is surely not zero, and not small beside the rate."""
-        return abs(self.offset) > MATTERS * self.size and self._is_sure(abs(self.offset), self.offset_error)
+        large = not self.is_apart and abs(self.offset) > MATTERS * self.size
+        return large and self._is_sure(abs(self.offset), self.offset_error)
 
     def _is_sure(self, beyond: float, error: float) -> bool:
         return beyond > float(stdtrit(self.blocks - 1, SURE)) * error
@@ -83,13 +99,14 @@ class Slope:
 
 @dataclass(frozen=True)
 class _Windows:
-    """Windows of one trajectory, in order of time: change, change between the rows next to its ends, integral and
-    duration, (n,) each."""
+    """Windows of one trajectory, in order of time: change, change between the rows next to its ends, integral,
+    duration and end, (n,) each."""
 
     change: np.ndarray
     instrument: np.ndarray
     integral: np.ndarray
     duration: np.ndarray
+    end: np.ndarray
 
     def __len__(self) -> int:
         return len(self.change)
@@ -118,8 +135,28 @@ def slope(series: Sequence[_Rows], delays: bool = False) -> Slope | None:
     size = float(np.sqrt(np.nanmean(np.concatenate([np.square(rate) for _, _, rate in series]))))
     # The spline's error falls with the fourth power of the step.
     error = float(np.hypot(fit.error, abs(other.factor - fit.factor) / 15))
-    fit = replace(fit, error=error, size=size)
+    pairs = np.concatenate([np.stack((rate[:-1], rate[1:])) for _, _, rate in series], axis=1)
+    clear = fit.clear and _likeness(*pairs[:, np.isfinite(pairs).all(0)]) > CLEAR
+    fit = replace(fit, error=error, size=size, clear=clear, jumps=_jumps(series, fit, used))
     return _delayed(series, fit, used) if delays and fit.agreement < ALIKE else fit
+
+
+def _jumps(series: Sequence[_Rows], fit: Slope, lag: int) -> tuple[float, ...]:
+    """Times before which what changes jumps: from one row to the next alone, unlike a glitch, and by a part of what it
+    does in a window; none where there are many."""
+    found: list[float] = []
+    sizes = [np.square(_windows(*trajectory, lag, 1).integral) for trajectory in series]
+    least = JUMP * float(np.sqrt(np.mean(np.concatenate(sizes))))
+    for trajectory in series:
+        rows = _windows(*trajectory, 1, 1)
+        left = rows.integral - fit.factor * rows.change - fit.offset * rows.duration
+        usual = 1.4826 * float(np.median(np.abs(left))) if len(left) else 0.0
+        far = np.abs(left) > max(BEYOND * usual, least)
+        beside = np.zeros(len(far), dtype=bool)
+        beside[1:] |= far[:-1]
+        beside[:-1] |= far[1:]
+        found += rows.end[far & ~beside].tolist()
+    return tuple(found) if len(found) <= RARE else ()
 
 
 def _delayed(series: Sequence[_Rows], fit: Slope, lag: int) -> Slope:
@@ -163,8 +200,8 @@ def _windows(t: np.ndarray, of: np.ndarray, rate: np.ndarray, lag: int, every: i
         first = np.arange(1, len(rows) - lag - 1)
         last, y, times = first + lag, of[rows], t[rows]
         between = (y[last] - y[first], y[last + 1] - y[first - 1], total[last] - total[first])
-        parts.append(np.stack((*between, times[last] - times[first])))
-    return _Windows(*np.concatenate(parts, axis=1)) if parts else _Windows(*np.zeros((4, 0)))
+        parts.append(np.stack((*between, times[last] - times[first], times[last])))
+    return _Windows(*np.concatenate(parts, axis=1)) if parts else _Windows(*np.zeros((5, 0)))
 
 
 def _fit(each: Sequence[_Windows], lag: int) -> Slope | None:
@@ -202,9 +239,16 @@ def _fit(each: Sequence[_Windows], lag: int) -> Slope | None:
     if not np.isfinite(factor + errors[0]):
         return None
     kept = weights > 0
-    moves = kept.any() and np.ptp(change[kept]) > 0 and np.ptp(integral[kept]) > 0
-    agreement = float(np.corrcoef(change[kept], integral[kept])[0, 1]) ** 2 if moves else 0.0
-    return Slope(factor, float(errors[0]), count, agreement, offset, float(errors[1]))
+    agreement = _likeness(change[kept], integral[kept])
+    far = APART * float(np.sqrt(np.mean(np.square(integral))))
+    apart = float(np.mean((left > far) & ~kept))
+    clear = _likeness(change, instrument) > CLEAR
+    return Slope(factor, float(errors[0]), count, agreement, offset, float(errors[1]), apart=apart, clear=clear)
+
+
+def _likeness(a: np.ndarray, b: np.ndarray) -> float:
+    """Squared correlation of values (n,), finite; 0 of what does not move."""
+    return float(np.corrcoef(a, b)[0, 1]) ** 2 if len(a) > 1 and np.ptp(a) > 0 and np.ptp(b) > 0 else 0.0
 
 
 def _solve(square: np.ndarray, product: np.ndarray) -> np.ndarray:
@@ -260,6 +304,13 @@ class Off:
         if fit.offset_is_off:
             cause = f"an offset of the sensor, or a drift of {self.of}"
             said.append(f"{fit.offset:.3g} (± {fit.offset_error:.1g}) beside the slope of {of}: {cause}")
+        if fit.is_apart:
+            cause = "one of them has lost its sign, stands still or is cut off"
+            share = f" in {100 * fit.apart:.0f} % of the time" if fit.apart > SHARE else ""
+            said.append(f"far from the slope of {of}{share}: {cause}")
+        if fit.jumps:
+            when = ", ".join(f"{t:.6g} s" for t in fit.jumps)
+            said.append(f"nothing in it of the jump of {of} before {when}: another motion begins there, or a push")
         condition = "" if self.likely else "if it is its rate, "
         return f"{rate}: {condition}{'; '.join(said)}"
 
