@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import wraps
-from math import prod
 from typing import Any, Literal
 
 import torch
@@ -172,8 +171,8 @@ class System(ABC):
 
     @property
     def error_dims(self) -> int:
-        """By what the summed squared error is divided in the per-dimension convention."""
-        return prod(self.state_shape)
+        """By what the summed squared error is divided in the per-dimension convention: the numbers observed."""
+        return self.observe(torch.zeros(self.state_shape)).numel()
 
     def features(self, y: Tensor) -> Tensor:
         """States as networks see them, (…, features): the state, unless overridden."""

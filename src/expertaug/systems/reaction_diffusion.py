@@ -52,11 +52,6 @@ class ReactionDiffusion(System):
     def state_shape(self) -> tuple[int, ...]:
         return (2, SIZE, SIZE)
 
-    @property
-    def error_dims(self) -> int:
-        """Every cell of both fields."""
-        return 2 * SIZE * SIZE
-
     def expert(self, t: Tensor, y: Tensor, z_e: Tensor) -> Tensor:
         rate = z_e[..., None, None] * laplacian(y)
         return rate + local_reaction(y) if self.reaction else rate
