@@ -28,6 +28,7 @@ _EXPORTS = {
     "DampingInteraction": "expertaug.models.interactions.damping:DampingInteraction",
     "DiagonalPropagator": "expertaug.systems.solvers.linear_propagator:DiagonalPropagator",
     "DoublePendulum": "expertaug.systems.double_pendulum:DoublePendulum",
+    "DriveInteraction": "expertaug.models.interactions.drive:DriveInteraction",
     "DrivenPendulum": "expertaug.systems.driven_pendulum:DrivenPendulum",
     "Equation": "expertaug.api.explain:Equation",
     "EquationInteraction": "expertaug.models.interactions.equation:EquationInteraction",

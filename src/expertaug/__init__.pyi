@@ -40,6 +40,7 @@ from expertaug.models.encoders.window import WindowEncoder as WindowEncoder
 from expertaug.models.hybrid import HybridModel as HybridModel
 from expertaug.models.interactions.convolutional import ConvInteraction as ConvInteraction
 from expertaug.models.interactions.damping import DampingInteraction as DampingInteraction
+from expertaug.models.interactions.drive import DriveInteraction as DriveInteraction
 from expertaug.models.interactions.equation import EquationInteraction as EquationInteraction
 from expertaug.models.interactions.mlp import MLPInteraction as MLPInteraction
 from expertaug.models.interactions.polynomial import PolynomialInteraction as PolynomialInteraction
@@ -77,6 +78,7 @@ __all__ = [
     "DampingInteraction",
     "DiagonalPropagator",
     "DoublePendulum",
+    "DriveInteraction",
     "DrivenPendulum",
     "Equation",
     "EquationInteraction",

@@ -24,7 +24,7 @@ from expertaug.wording import show, suggest
 Module = TypeVar("Module")
 WIDEST = 2**16
 MARGIN = 0.1  # of the range of the training windows' z_a, by which a window's may lie beyond it
-AXES = 32  # principal components of an encoder's z_a that a model file keeps, for fits of windows
+AXES = 100  # principal components of an encoder's z_a that a model file keeps, for fits of windows
 TOLD = 0.5  # of the width of p⁺: an interval as wide says nothing of a parameter
 Width = Annotated[int, Field(ge=1, le=WIDEST)]
 Widths = Annotated[tuple[Width, ...], Field(strict=False, max_length=100)]
@@ -274,6 +274,26 @@ class DampingSettings(InteractionSettings):
     components: Names | None = key(None, "components that are damped, each in proportion to itself; null = all")
 
 
+class DriveSettings(PartSettings):
+    """A function of the time, of each window's own."""
+
+    WHERE: ClassVar[str] = "model.interaction"
+    COMPONENTS = ("components",)
+    CLASS = "drive:DriveInteraction"
+
+    kind: Literal["drive"] = key("drive", "a sum of sines and cosines of the time, whose amplitudes are z_a")
+    harmonics: int = key(8, "the last; the k-th has k half periods in the observed window", ge=1, le=256)
+    lowest: int = key(1, "the first", ge=1, le=256)
+    components: Names | None = key(None, "F_a acts on the rates of these components; null = all")
+    start: Positive = key(1.0, "amplitudes at the start, in the unit of the rates")
+
+    @model_validator(mode="after")
+    def _first_and_last(self) -> Self:
+        if self.lowest > self.harmonics:
+            raise disagree(f"found {self.lowest}", f"give {self.harmonics}, the last, or less", "lowest")
+        return self
+
+
 class EquationSettings(PartSettings):
     """Terms that can be read."""
 
@@ -312,7 +332,7 @@ ENCODERS: Mapping[str, type[PartSettings]] = _by_kind(
     WindowSettings, RecurrentSettings, TwoStepSettings, ConvSettings, ConvTwoStepSettings, MomentSettings
 )
 INTERACTIONS: Mapping[str, type[PartSettings]] = _by_kind(
-    MLPSettings, ConvInteractionSettings, PolynomialSettings, DampingSettings, EquationSettings
+    MLPSettings, ConvInteractionSettings, PolynomialSettings, DampingSettings, DriveSettings, EquationSettings
 )
 ENCODER = _part("encoder", ENCODERS, ("system", "times"))
 INTERACTION = _part("interaction", INTERACTIONS, ("system", "latent", "times"))
