@@ -119,6 +119,7 @@ class AlternatingOptions(TypedDict, total=False):
     penalty: float
     share: float
     threshold: float
+    teacher_forcing: Mapping | None
     train_samples: int | None
     validate_every: int
     validation_samples: int | None

@@ -93,7 +93,7 @@ def learn_next_points(
         if time.monotonic() - told > PROGRESS_S or step + 1 == settings.steps:
             told = time.monotonic()
             message = "%s: from point to point, step %d/%d, loss %.4g, %d s gone"
-            logger.info(message, name, step + 1, settings.steps, fitted.mean(), told - started)
+            logger.info(message, name, step + 1, settings.steps, fitted.detach().mean(), told - started)
     return torch.cat((before, latent.detach(), measured), -1)
 
 
