@@ -1,5 +1,7 @@
 """First steps from each measured point to the next: they find a known F_a, whatever the times, and leave gaps out."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -86,7 +88,18 @@ def test_points_that_were_not_measured_are_left_out(sets):
     assert torch.isfinite(trainer.best_score).all()
 
 
-def test_a_component_that_nobody_measured_is_named():
-    system = systems.load({"name": "pendulum", "observed": "angle"})
+@pytest.mark.parametrize("observed", ["angle", "all"])
+def test_a_component_that_nobody_measured_is_named(sets, observed):
+    system, windows = systems.load({"name": "pendulum", "observed": observed}), torch.zeros(5, 1, 3, 2)
+    if observed == "all":  # as far as the system knows
+        teacher_forcing.check_measured(system, windows)
+        windows[..., 1] = np.nan
     with pytest.raises(InputError, match=r"teacher_forcing: forecasts begin .* nobody measured omega"):
-        teacher_forcing.check_measured(system)
+        teacher_forcing.check_measured(system, windows)
+
+
+def test_a_set_without_speeds_is_refused_before_anything_is_trained(sets):
+    train, validation = sets
+    alone = dataclasses.replace(train, mask=np.broadcast_to([True, False], train.y.shape))
+    with pytest.raises(InputError, match="nobody measured omega"):
+        prepared([alone, validation], start={"omega": (-3.0, 3.0)})

@@ -497,8 +497,6 @@ def prepare(
     if described.model.interaction is None:
         raise InputError("model.interaction", "missing", "the training is of an interaction model")
     check_trainable(system)
-    if options.training.teacher_forcing is not None:
-        check_measured(system)
     training, seeds = options.training, options.seeds
     shares = options.refinement.settings.shares
     card = ModelCard.of(
@@ -549,6 +547,8 @@ def prepare(
     )
     name = f"{card.experiment}/{card.label} seeds {','.join(map(str, seeds))}"
     sets = train_set.windows(task.horizon).joined, validation_set.windows(len(t)).joined
+    if training.teacher_forcing is not None:
+        check_measured(system, sets[0])
     held, sharing = None, train.spread(training.train_samples)
     if refinement.holds:
         alone = store.StoredModel(*LeastSquares.fit(system, sharing, card.but(kind=LeastSquares.name)))

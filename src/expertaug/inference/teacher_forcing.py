@@ -34,11 +34,14 @@ CLIP = 5.0  # largest norm of a seed's gradient
 PROGRESS_S = 10.0
 
 
-def check_measured(system: System) -> None:
-    """Raises:
-    InputError: a component that is not measured, from which no forecast can begin.
+def check_measured(system: System, windows: Tensor) -> None:
+    """Refuse windows (T1, 1, N, *observed), NaN where nothing was measured, in which no forecast can begin.
+
+    Raises:
+        InputError: a component that the system does not observe, or that nobody measured.
     """
-    seen = seen_components(system).tolist()
+    measured = torch.isfinite(states_of(system, windows)).movedim(3, 0).flatten(1).any(1)
+    seen = (seen_components(system) & measured).tolist()
     hidden = [part.name for part, is_seen in zip(system.state, seen, strict=True) if not is_seen]
     if hidden:
         problem = f"forecasts begin at measured points, and nobody measured {', '.join(hidden)}"
