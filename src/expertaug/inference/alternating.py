@@ -33,7 +33,7 @@ from expertaug.inference.least_squares import WindowFit, refine_by, with_overdis
 from expertaug.inference.levenberg_marquardt import DAMPING, adapt_damping, cost_of, minimise, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
 from expertaug.inference.shared import fit_shared, fit_shared_of_seeds
-from expertaug.inference.teacher_forcing import check_measured, learn_next_points
+from expertaug.inference.teacher_forcing import check_measured, expert_from_points, learn_next_points
 from expertaug.inference.window_problem import assumed_noise
 from expertaug.learning.divergence import clamp_to_bound, forecast_or_fallback
 from expertaug.learning.expert_share import expert_sizes, squares_beside_expert
@@ -153,6 +153,8 @@ class Alternation:
         settings = self.settings.teacher_forcing
         assert settings is not None
         batches = (self._batch(step) for step in range(settings.steps))
+        if settings.estimates == "least_squares":
+            self.x = expert_from_points(self.first_fit, self.train, self.x, self.batch)
         self.x = learn_next_points(self.fit, self.train, self.x, batches, settings, self.name)
         self._fit_all(self.fit, lambda _, x: x)
         self.refit()

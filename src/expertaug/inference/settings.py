@@ -138,6 +138,15 @@ class TeacherForcing(Settings):
 
     steps: Count = key(1000, "number of gradient steps")
     learning_rate: Positive = key(0.01, "learning rate of Adam, at its peak")
+    estimates: Literal["gradient", "least_squares"] = key(
+        "gradient",
+        "what improves windows' own parameters beside F_a: gradient = gradient steps on z_a, with z_e as whole windows "
+        "have it; least_squares = a Gauss–Newton step on z_e and z_a for each of F_a's, from what points say of the "
+        "expert alone",
+    )
+    points: Count | None = key(
+        None, "how many of a window's points forecasts begin at in a step, drawn by its number; null = all"
+    )
 
 
 class AlternatingSettings(Settings):
