@@ -81,14 +81,14 @@ def test_the_same_job_is_taken_as_it_was_from_the_run_that_has_most_of_them(publ
     assert rows["train"][1:] == pytest.approx((2, 1.01, 1.0, 1000, 2))
 
 
-def test_the_default_run_asks_for_what_the_published_one_took(tmp_path):
+def test_the_published_default_asks_for_what_it_took(tmp_path):
     """Also beside runs of more seeds and of other methods."""
     for name in ("default", "five_seeds", "code"):
         (tmp_path / name).symlink_to(ROOT / "results/published" / name)
     told = json.loads((ROOT / "results/published/default/provenance.json").read_text(encoding="utf-8"))
     took = costs.read(ROOT / "results/published/default/costs.csv")
     seconds = sum(cost.alone_s for job, cost in took.items() if job.partition("/")[0] in demand.STAGES)
-    asked = load.complete_configuration(load.load(load.with_defaults([ROOT / "config/config.yaml"])))
+    asked = load.complete_configuration(load.load([ROOT / "results/published/default/config.yaml"]))
     rows = demand.of_config(asked, tmp_path)
     assert sum(row.hours for row in rows) == pytest.approx(seconds / 3600)
     assert max(row.memory_mb for row in rows) == told["peak_memory_mb"]
