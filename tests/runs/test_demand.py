@@ -92,6 +92,8 @@ def test_the_published_default_asks_for_what_it_took(tmp_path):
     rows = demand.of_config(asked, tmp_path)
     assert sum(row.hours for row in rows) == pytest.approx(seconds / 3600)
     assert max(row.memory_mb for row in rows) == told["peak_memory_mb"]
+    today = load.complete_configuration(load.load(load.with_defaults([ROOT / "config/config.yaml"])))
+    assert sum(row.hours for row in demand.of_config(today, tmp_path)) >= 0.999 * seconds / 3600  # nothing is left out
 
 
 def test_a_job_beside_other_work_asks_for_what_it_takes_alone():

@@ -142,7 +142,7 @@ class TeacherForcing(Settings):
         "gradient",
         "what improves windows' own parameters beside F_a: gradient = gradient steps on z_a, with z_e as whole windows "
         "have it; least_squares = a Gauss–Newton step on z_e and z_a for each of F_a's, from what points say of the "
-        "expert alone",
+        "expert alone; what windows share stays as it is",
     )
     points: Count | None = key(
         None, "how many of a window's points forecasts begin at in a step, drawn by its number; null = all"

@@ -75,9 +75,10 @@ def learn_next_points(
     windows = windows[: len(fit.t)]
     parameters = [v for v in fit.decoder.parameters() if v.requires_grad]
     own, measured = x[..., : p + q].clone(), torch.zeros_like(x[..., p + q :])
-    z_a = own[..., p:].clone().requires_grad_(settings.estimates == "gradient")
+    by_gradient = settings.estimates == "gradient"
+    z_a = own[..., p:].clone().requires_grad_(by_gradient)
     damping = torch.full(own.shape[:2], DAMPING, dtype=torch.float64)
-    groups = [{"params": parameters}, *([{"params": [z_a]}] if z_a.requires_grad else [])]
+    groups = [{"params": parameters}, *([{"params": [z_a]}] if by_gradient else [])]
     optimiser = Adam(groups, lr=settings.learning_rate)
     unit = _increments(fit.system, states_of(fit.system, windows[:, 0]))
     alive, rows = torch.ones(len(x), dtype=torch.bool), torch.arange(len(x)).unsqueeze(1)
@@ -85,7 +86,7 @@ def learn_next_points(
     for step, index in zip(range(settings.steps), batches, strict=False):
         some = _some_of(len(windows) - 1, settings.points, step)
         pairs = _Pairs(fit, windows[:, 0][:, index], some, unit)
-        if z_a.requires_grad:
+        if by_gradient:
             found = torch.cat((own[..., :p], z_a), -1)[rows, index]
             fitted = pairs.errors(found).square().sum(-1).mean(1)
             loss = fitted + pairs.pull(found).square().sum(-1).mean(1)
@@ -109,14 +110,22 @@ def learn_next_points(
             told = time.monotonic()
             message = "%s: from point to point, step %d/%d, loss %.4g, %d s gone"
             logger.info(message, name, step + 1, settings.steps, fitted.detach().mean(), told - started)
-    own = torch.cat((own[..., :p], z_a.detach()), -1) if z_a.requires_grad else own
+    own = torch.cat((own[..., :p], z_a.detach()), -1) if by_gradient else own
     return torch.cat((own, measured), -1)
 
 
 @torch.no_grad()
 def expert_from_points(fit: WindowProblem, windows: Tensor, x: Tensor, batch: int) -> Tensor:
-    """Coordinates x (S, N, K) with z_e as points and the next ones, of windows (T1, 1, N, *observed), have it for an
-    expert alone, which is the decoder of ``fit``; so many windows at a time."""
+    """Each window's z_e, fitted by the expert alone from each measured point to the next: what it lacks adds up less.
+
+    Arguments:
+        fit: of the expert alone, the same for all seeds.
+        windows: of the training set (T1, 1, N, *observed), float64.
+        x: the windows' own coordinates (S, N, K); the first seed's z_e is where the fits begin.
+        batch: windows at a time.
+
+    Returns: x with the z_e found; unchanged where all of z_e is shared.
+    """
     p, windows, x = fit.sizes[0], windows[: len(fit.t)], x.clone()
     if not p:
         return x
