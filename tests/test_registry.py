@@ -1,8 +1,10 @@
 """Classes named by a configuration, and what they take."""
 
+import sys
+
 import pytest
 
-from expertaug import registry
+from expertaug import registry, systems
 from expertaug.errors import InputError
 from expertaug.learning.settings import ALL_PARTS
 
@@ -112,3 +114,17 @@ def test_every_kind_of_the_package_can_be_asked():
 def test_what_cannot_be_used_is_one_line(part, kind, expected):
     with pytest.raises(InputError, match=expected):
         registry.find(ALL_PARTS[part], kind, "here")
+
+
+def test_a_module_of_this_folder_is_told_how_to_be_found(tmp_path, monkeypatch):
+    (tmp_path / "mine_here.py").write_text("from expertaug.systems.base import System\n\n\nclass Mine(System): ...\n")
+    monkeypatch.chdir(tmp_path)
+    before = list(sys.path)
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry not in ("", str(tmp_path))])
+    with pytest.raises(InputError, match=r"mine_here lies in this folder.*export PYTHONPATH=\$PWD"):
+        systems.load({"name": "mine_here:Mine"})
+    with pytest.raises(InputError, match=r"no system 'mine_here'; for mine_here\.py .* write .* mine_here:CLASS"):
+        systems.load({"name": "mine_here"})
+    monkeypatch.setattr(sys, "path", before)
+    with pytest.raises(InputError, match=r"give mine_here:Mine for a class of mine_here"):
+        systems.load({"name": "mine_here.Mine"})

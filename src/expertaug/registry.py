@@ -8,9 +8,11 @@ waits for torch without need.
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -120,7 +122,7 @@ def import_named(module: str, where: str) -> ModuleType:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
         if error.name and (module == error.name or module.startswith(f"{error.name}.")):
-            raise InputError(where, f"no module '{module}'", "is its package installed, or on PYTHONPATH?") from error
+            raise InputError(where, f"no module '{module}'", _how_to_find(module)) from error
         raise InputError(where, f"{module} imports '{error.name}', which is not there", "install it") from error
     except InputError:
         raise
@@ -129,6 +131,16 @@ def import_named(module: str, where: str) -> ModuleType:
     except Exception as error:
         problem = f"{module} cannot be imported ({type(error).__name__}: {error})"
         raise InputError(where, problem, "correct that file") from error
+
+
+def _how_to_find(module: str) -> str:
+    """What helps where a module is not found: it may lie in this very folder, or be named with its class."""
+    first, _, rest = module.partition(".")
+    if Path(f"{first}.py").is_file() or (Path(first) / "__init__.py").is_file():
+        if rest and importlib.util.find_spec(first) is not None:
+            return f"give {':'.join(module.rsplit('.', 1))} for a class of {module.rpartition('.')[0]}"
+        return f"{first} lies in this folder, which Python does not look into: export PYTHONPATH=$PWD"
+    return "is its package installed, or on PYTHONPATH?"
 
 
 def _import(name: str, where: str) -> Any:

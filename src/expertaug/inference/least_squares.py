@@ -83,14 +83,19 @@ class WindowFit(WindowProblem):
         some = windows[:, :, few].double()
         x = self.coordinates(estimates.part(few), self.first(some))
         finer = copy.copy(self)
-        finer.solver = self.solver.model_copy(update={"substeps": 2 * self.solver.substeps})
+        over = self.solver.points_per_step
+        half = {"points_per_step": over // 2} if over > 1 else {"substeps": 2 * self.solver.substeps}
+        finer.solver = self.solver.model_copy(update=half)
         forecasts = [fit.differences(fit.states(x, some), some) for fit in (self, finer)]
         errors = (forecasts[0] - forecasts[1]).nan_to_num(LARGEST).clamp(-LARGEST, LARGEST).square().sum(-1).sqrt()
         far = float(errors.quantile(0.75)) if errors.numel() else 0.0
         if far > 1.0:
-            enough = max(2, math.ceil(2 * (far / 0.1) ** 0.25)) * self.solver.substeps
+            parts = max(2, math.ceil(2 * (far / 0.1) ** 0.25))
+            enough = (
+                f"points_per_step: {max(1, over // parts)}" if over > 1 else f"substeps: {parts * self.solver.substeps}"
+            )
             text = "fits of windows: the solver's steps are too coarse, estimates off by up to %.2g errors: give "
-            logger.warning(text + "refinement.solver, in Python solver=, {substeps: %d}", far, enough)
+            logger.warning(text + "refinement.solver, in Python solver=, {%s}", far, enough)
 
     def _fit(self, windows: Tensor, first: Estimates | None) -> Estimates:
         starts = None if first is not None else self.best_of_grid(windows)

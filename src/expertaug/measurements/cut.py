@@ -19,7 +19,7 @@ from expertaug.measurements.names import Names
 from expertaug.measurements.noise import noise_of, noise_of_rows
 from expertaug.measurements.paths import list_files, verify
 from expertaug.measurements.sensors import resolution, stands_still
-from expertaug.measurements.settings import MeasurementSettings, label_of
+from expertaug.measurements.settings import MeasurementSettings, column_of, label_of
 from expertaug.measurements.slopes import Off, slopes_off
 from expertaug.measurements.splitting import (
     SPLITS,
@@ -31,6 +31,7 @@ from expertaug.measurements.splitting import (
 )
 from expertaug.measurements.table import Table
 from expertaug.measurements.trajectory import WHERE, read
+from expertaug.measurements.units import time_unit
 from expertaug.trajectories import Trajectories
 
 logger = logging.getLogger(__name__)
@@ -98,9 +99,25 @@ class Measured:
         (:mod:`expertaug.measurements.slopes`)."""
         return slopes_off(self.settings, list(self.names.state), self.grid.series, self.names.rates)
 
+    def told_rates(self) -> str:
+        """What is said of expert parameters that are no rates per second although times are read in s; else empty."""
+        column = column_of(self.settings.time)
+        rates = {name: said for name, unit in self.names.parameters.items() if (said := time_unit(unit))}
+        if not rates or column.unit in (None, "s"):
+            return ""
+        name, unit = next(iter(rates.items()))
+        problem = f"times are converted to s, but the system has {name} in {self.names.parameters[name]}"
+        remedy = f"give the system's parameters in s instead of {unit}, or let the numbers be (unit: s) and read {unit}"
+        return f"{problem}: {remedy} where keys and figures say s"
+
     def told_short(self) -> str:
         """What is said of rows that no chunk can hold, whatever the split; else empty."""
         span, total, lost = (self.settings.length - 1) * self.grid.step + 1, 0, 0
+        if self.settings.whole:
+            total = sum(len(trajectory.rows.t) for trajectory in self.grid.series)
+            lost = total - sum(int((trajectory.row >= 0).sum()) for trajectory in self.grid.series)
+            where = f"beyond the {self.settings.length} points of a chunk: give a larger length"
+            return f"{lost} of {total} rows lie {where}" if lost else ""
         for trajectory in self.grid.series:
             measured_rows = (trajectory.row >= 0) & np.isfinite(trajectory.y).any(1)
             total += int(measured_rows.sum())
@@ -111,8 +128,8 @@ class Measured:
         return f"{lost} of {total} rows lie in {where}: give a larger longest_gap, or a smaller length"
 
     def warn_of_short(self) -> None:
-        """Tell of rows that no chunk can hold."""
-        if said := self.told_short():
+        """Tell of rows that no chunk can hold, and of parameters in another unit of time."""
+        for said in filter(None, (self.told_short(), self.told_rates())):
             logger.warning("%s", said)
 
     def shares_seen(self) -> dict[str, float]:
@@ -189,10 +206,13 @@ def divide(data: Measured) -> tuple[list[np.ndarray], dict[str, float] | None]:
     shares, thresholds = split.shares, None
     _refuse_too_long(data)
     size = data.settings.length * data.grid.step
-    sizes = None if split.pieces == "trajectories" else [size] * len(series)
+    sizes = None if split.pieces == "trajectories" or data.settings.whole else [size] * len(series)
     if split.by == "time":
         labels = [label_by_time(points, shares, split.reverse) for points in usable]
     elif split.by == "random":
+        if data.settings.whole and len(series) < 3:
+            problem, remedy = f"{len(series)} trajectories are as many chunks", "give three or more, or leave it out"
+            raise InputError(f"{WHERE}.whole", problem, remedy)
         labels = label_at_random(usable, sizes, shares, split.seed, where)
     elif split.by == "quantity":
         levels = [trajectory.level for trajectory in series]
@@ -276,7 +296,24 @@ def _fits(value: str, series: Series, patterns: Sequence[str], by: str) -> bool:
 def candidates(data: Measured, labels: list[np.ndarray]) -> dict[str, np.ndarray]:
     """Per split, the chunks that begin with a measured point, lie on the grid and have enough of it measured: rows
     (series, first point), (N, 2)."""
-    return {name: _of_split(data, labels, name) for name in SPLITS}
+    rows = {name: _of_split(data, labels, name) for name in SPLITS}
+    if data.settings.whole:
+        _refuse_left_out(data, labels, np.concatenate(list(rows.values()))[:, 0])
+    return rows
+
+
+def _refuse_left_out(data: Measured, labels: list[np.ndarray], taken: np.ndarray) -> None:
+    """A trajectory that is a chunk is not left out without a word; ``taken``: places of those that are chunks."""
+    for k, label in enumerate(labels):
+        if (label >= 0).any() and k not in taken:
+            trajectory = data.grid.series[k]
+            problem, remedy = f"the rows of {trajectory.name} are of several sets", "divide whole trajectories"
+            if not np.isfinite(trajectory.y[0, data.seen]).any():
+                problem, remedy = f"the first row of {trajectory.name} has no value", "leave that row out"
+            elif not np.isfinite(trajectory.u).all():
+                problem = f"known inputs of {trajectory.name} do not reach from its first row to the chunk's end"
+                remedy = "give them there, or a smaller length"
+            raise InputError(f"{WHERE}.whole", problem, remedy)
 
 
 def _of_split(data: Measured, labels: list[np.ndarray], split: str) -> np.ndarray:
@@ -312,7 +349,7 @@ def _good(data: Measured, rows: np.ndarray) -> np.ndarray:
     """Which chunks (N,) begin with a measured point, lie on the grid and have enough of it measured."""
     seen, h, settings = data.seen, data.grid.row_s, data.settings
     tolerance = 1.01 if data.grid.share < 1 else settings.tolerance  # both ends may be half a point off
-    least, good = settings.min_seen * data.grid.share, np.zeros(len(rows), dtype=bool)
+    least, good = (0.0 if settings.whole else settings.min_seen * data.grid.share), np.zeros(len(rows), dtype=bool)
     for index in np.unique(rows[:, 0]):
         trajectory, of_series = data.grid.series[index], np.flatnonzero(rows[:, 0] == index)
         present, driven = np.isfinite(trajectory.y[:, seen]), np.isfinite(trajectory.u).all(1)
@@ -362,7 +399,7 @@ def trajectories_of(data: Measured, rows: np.ndarray) -> Trajectories:
     if data.noise is not None:
         fields["noise"] = np.nan_to_num(data.noise)
     # Windows without a gap are what a model of them may rely on, as one of simulated sets or recordings does.
-    if settings.min_seen < 1 or not data.seen.all():
+    if settings.min_seen < 1 or settings.whole or not data.seen.all():
         fields["mask"] = np.isfinite(y)
     return Trajectories(
         data.grid.times(settings.length), np.nan_to_num(y), z_e, u=u if data.names.inputs else None, **fields

@@ -11,6 +11,7 @@ import numpy as np
 from expertaug.errors import InputError
 from expertaug.measurements.settings import MeasurementSettings
 from expertaug.measurements.trajectory import WHERE, Rows
+from expertaug.settings import MANY
 
 LYING = 0.7  # part of the rows on a grid, or of its points that have one, below which rows fit it badly
 FITTING = 0.5  # part of the steps from row to row that must lie on a grid
@@ -102,13 +103,34 @@ def on_grid(trajectories: Sequence[Rows], settings: MeasurementSettings) -> Grid
         InputError: the rows fit no grid, or ``step_s`` is no multiple of their step.
     """
     median = own_step(trajectories)
+    if settings.whole:
+        settings = settings.model_copy(update={"longest_gap": MANY})
     make = {"mask": _of_rows, "interpolate": _interpolate, "own": _at_own_times}[settings.uneven]
     grid = make(trajectories, settings, median)
     usual = grid.row_s if settings.uneven == "mask" else median
+    if settings.whole:
+        if grid.broken:
+            raise InputError(f"{WHERE}.whole", "trajectories fall apart", describe_uneven(grid))
+        points = (settings.length - 1) * grid.step + 1
+        return replace(grid, series=[_whole(trajectory, points) for trajectory in grid.series])
     longest = (settings.longest_gap + 1.5) * usual / grid.row_s
     return replace(
         grid, series=[replace(trajectory, usable=_without_gaps(trajectory, longest)) for trajectory in grid.series]
     )
+
+
+def _whole(series: Series, points: int) -> Series:
+    """The first points of a series, and as many without a row behind it as it has fewer."""
+
+    def fill(values: np.ndarray | None, empty: object) -> np.ndarray | None:
+        if values is None:
+            return None
+        more = np.full((max(points - len(values), 0), *values.shape[1:]), empty, dtype=values.dtype)
+        return np.concatenate((values[:points], more))
+
+    floats = {name: fill(getattr(series, name), np.nan) for name in ("t", "y", "u", "level")}
+    usable = np.ones(points, dtype=bool)
+    return replace(series, **floats, row=fill(series.row, -1), label=fill(series.label, ""), usable=usable)
 
 
 def _without_gaps(series: Series, longest: float) -> np.ndarray:

@@ -68,6 +68,7 @@ class Guess:
         unread: columns in which most cells are no numbers, and none is a number.
         still: columns whose numbers are the same in all rows of each trajectory: no motion, but a known number.
         date: the column of dates, where the times are times of day.
+        inputs: known input or covariate → column, of those that a column is called as.
     """
 
     time: Column
@@ -78,6 +79,7 @@ class Guess:
     unread: list[str] = field(default_factory=list)
     still: list[str] = field(default_factory=list)
     date: str | None = None
+    inputs: dict[str, Column] = field(default_factory=dict)
 
 
 def guess(
@@ -126,10 +128,22 @@ def guess(
     if names is None:
         each = {_plain_name(name): Column(name=name) for name in rest}
         return Guess(of_time, trajectory, each, set(rest), [], unread, [], date)
-    still = _still(rest, table, trajectory)
-    columns, certain = _components(list(rest), table, names, known_units, still)
-    left = [name for name in rest if name not in {column.name for column in columns.values()}]
-    return Guess(of_time, trajectory, columns, certain, left, unread, still, date)
+    still, inputs = _still(rest, table, trajectory), _inputs(list(rest), table, names, known_units)
+    free = [name for name in rest if name not in {column.name for column in inputs.values()}]
+    columns, certain = _components(free, table, names, known_units, still)
+    left = [name for name in free if name not in {column.name for column in columns.values()}]
+    return Guess(of_time, trajectory, columns, certain, left, unread, still, date, inputs)
+
+
+def _inputs(rest: Sequence[str], table: Table, names: Names, units: Mapping[str, str]) -> dict[str, Column]:
+    """Columns that are called as a known input or covariate is, and not as a component."""
+    components = {name.lower() for name in names.state}
+    columns: dict[str, Column] = {}
+    for name, unit in names.inputs.items():
+        called = [column for column in rest if _bare(column) == _bare(name) and _bare(column) not in components]
+        if called:
+            columns[name] = Column(name=called[0], unit=unit_of(called[0], table, unit, units))
+    return columns
 
 
 def _still(rest: Mapping[str, np.ndarray], table: Table, trajectory: str | None) -> list[str]:

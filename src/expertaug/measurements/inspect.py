@@ -22,12 +22,14 @@ from expertaug.measurements.settings import MeasurementSettings, TableKeys, colu
 from expertaug.measurements.table import read_table
 from expertaug.measurements.time_order import check_one_row_a_time, check_repeats, check_seconds, check_sortable
 from expertaug.measurements.trajectory import Rows, times_of
-from expertaug.measurements.units import conversion
+from expertaug.measurements.units import conversion, time_unit
 
 SHOWN, POINTS = 6, 4000  # trajectories of a picture, and points of each
 ON = 0.95  # part of the rows on a grid, below which they are better kept at their own times
 SETTABLE = {*TableKeys.model_fields, "time_format", "date", "angles", "unordered", "duplicates", "uneven"}
 SETTABLE |= {"step_s", "tolerance", "longest_gap", "min_seen"}
+SPARSE = 30  # rows of a trajectory, at uneven times, up to which all of them are one chunk
+MOST_POINTS = 5000  # of a grid on which so few rows keep their times exactly
 LARGEST_MULTIPLE = 10  # of the last digit of the times that a usual step may be, for rows to keep their times exactly
 
 
@@ -76,9 +78,10 @@ class Inspection:
         self.names = names or Names(dict.fromkeys(self.guess.columns, ""), {})
         if self.guess.date is not None:
             self.remarks.append(f"the times are '{self.guess.date}' and '{self.guess.time.name}' together")
-        if self.names.inputs:
-            self.remarks.append(f"to be named under inputs, with their columns: {', '.join(self.names.inputs)}")
-            self.names = Names(self.names.state, self.names.parameters, rates=self.names.rates)
+        if without := [name for name in self.names.inputs if name not in self.guess.inputs]:
+            self.remarks.append(f"to be named under inputs, with their columns: {', '.join(without)}")
+            found = {name: unit for name, unit in self.names.inputs.items() if name in self.guess.inputs}
+            self.names = replace(self.names, inputs=found)
         if not self.guess.columns:
             for name in self.guess.unread:
                 self.table.numbers(name)  # says which cell is none
@@ -112,6 +115,7 @@ class Inspection:
             "time": self.guess.time,
             "trajectory": self.guess.trajectory,
             "columns": self.guess.columns,
+            "inputs": self.guess.inputs,
             "length": 2,
             "stride": 1,
             "evaluation_stride": 1,
@@ -174,9 +178,16 @@ class Inspection:
         column = self.guess.time
         if "step_s" in self.given or column.unit == "datetime":
             return {}
-        values = np.unique(self.table.numbers(column.name))
-        digit = sensors.last_digit(values)
-        if digit is None or not 2 <= np.median(np.diff(values)) / digit <= LARGEST_MULTIPLE:
+        values = self.table.numbers(column.name)
+        digit = sensors.last_digit(np.unique(values))
+        of = self.guess.trajectory
+        groups = [slice(None)] if of is None else list(self.table.kinds(of).rows().values())
+        apart = np.concatenate([np.diff(np.unique(values[rows])) for rows in groups])
+        if digit is None or not len(apart) or np.median(apart) < 2 * digit:
+            return {}
+        sparse = max(len(np.unique(values[rows])) for rows in groups) <= SPARSE
+        longest = max(np.ptp(values[rows]) for rows in groups)
+        if longest > MOST_POINTS * digit if sparse else np.median(apart) > LARGEST_MULTIPLE * digit:
             return {}
         factor, _ = conversion(column.unit, "s", "time")
         return {"step_s": float(f"{digit * column.factor * factor:.9g}")}
@@ -273,7 +284,7 @@ class Inspection:
         spans = [float(trajectory.t[-1] - trajectory.t[0]) for trajectory in rows]
         yield f"{_count(len(self.files), 'file')}, {_count(len(rows), 'trajectory')}, {_count(sum(counts), 'row')}"
         yield f"columns: {', '.join(self.table.names)}"
-        unit = self.guess.time.unit or "s is assumed: no unit is given"
+        unit = self.guess.time.unit or f"s is assumed: no unit is given{self._another_unit()}"
         if self.settings.time_format is not None:
             unit = f"as {self.settings.time_format}"
         yield f"times: '{self.guess.time.name}' ({unit}), trajectories: {self._told()}"
@@ -298,8 +309,18 @@ class Inspection:
         if self.guess.unread:
             yield f"not read, as most of their cells are no numbers: {', '.join(self.guess.unread)}"
 
+    def _another_unit(self) -> str:
+        """What is said of times without a unit where the system's rates are in another than the second."""
+        for name, unit in self.names.parameters.items():
+            if other := time_unit(unit):
+                return f"; {name} is in {unit}: if the times are in {other}, read {other} where keys and figures say s"
+        return ""
+
     def _told_still(self) -> Iterator[str]:
         """What is said of columns that do not change along any trajectory."""
+        for name, column in self.settings.inputs.items():
+            unit = f" [{self.names.inputs[name]}]" if self.names.inputs[name] else ""
+            yield f"{name}{unit}, known: column '{column_of(column).name}'"
         if left := [name for name in self.guess.still if name in self.guess.left]:
             remark = f"the same in all rows of a trajectory, so no component: {', '.join(left)}"
             yield f"{remark}; what the system knows of it belongs under inputs (a covariate) or z_e (a parameter)"

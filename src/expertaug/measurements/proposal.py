@@ -9,16 +9,19 @@ import numpy as np
 import yaml
 
 from expertaug.errors import InputError, printable
-from expertaug.measurements.cut import Measured, chunks_of
-from expertaug.measurements.inspect import Inspection
+from expertaug.measurements.cut import Measured, chunks_of, measure
+from expertaug.measurements.inspect import SPARSE, Inspection
 from expertaug.measurements.sensors import rows_of_a_period
 from expertaug.measurements.settings import MeasurementSettings
+from expertaug.settings import MANY
 
 LONGEST, SHORTEST, LEAST = 200, 8, 3  # points of a chunk, and of one where the data allow no longer one
 PIECES = 8  # chunks that a trajectory should have where there are few
 FINEST = 400  # points of a chunk whose rows keep their times
 FEW, FEWEST = 10, 3  # trajectories for a split between them, without a caution and with one
 OF_A_PERIOD = 40  # points, where rows are so dense that a chunk would end within one
+OBSERVED = 2 / 3  # of those rows, in the observed window
+NEAREST, STEPS = 0.1, 2  # the quantile of times from row to row that has so many of a solver's steps
 NAME = "measured"
 # Keys of data.files that are shown where they are not the default, before the columns.
 READING = (
@@ -53,12 +56,16 @@ def proposal(
     """
     settings, cut, rows = _cut(inspection)
     length, several = cut.settings.length, len(inspection.data.grid.series)
-    t1_s = round(length // 2 * inspection.data.grid.row_s * _points_apart(settings, inspection), 9)
+    t1_s = _t1_s(settings, length, inspection)
     files = {
         "paths": settings["paths"] if len(settings["paths"]) > 1 else settings["paths"][0],
         **{k: _marks(settings[k]) if k == "missing" else settings[k] for k in READING if k in settings},
         "columns": settings["columns"],
-        **{k: settings[k] for k in ("length", "phases", "stride", "evaluation_stride") if k in settings},
+        **{
+            k: settings[k]
+            for k in ("inputs", "whole", "length", "phases", "stride", "evaluation_stride")
+            if k in settings
+        },
         **{k: settings[k] for k in ("min_chunks", "split")},
     }
     split = "time" if settings["split"] != BETWEEN else "trajectories" if several >= FEWEST else "halves"
@@ -67,6 +74,8 @@ def proposal(
         each = {name: len(np.unique(of[:, 0])) for name, of in rows.items()}
         counted = f"{each['validation']} for validation, {each['test']} for the test"
         remarks["split"] += f"; there are only {several}: {counted}, on which scores depend"
+    if "whole" in settings:
+        remarks["whole"] = "a trajectory is a chunk, from its first row on: it has few rows"
     if "phases" in settings:
         remarks["step_s"] = "chunks of successive rows would end within a swing"
     unseen = [name for name in inspection.names.state if name not in settings["columns"]]
@@ -80,8 +89,9 @@ def proposal(
     learned += ["alternating", *(["alternating_shared"] if sharing else [])]
     methods = ["mean", "expert_only", *fitted, *learned]
     training = {"epochs": 200, "batch_size": 20, "learning_rate": 3e-3, "horizon_warmup": 0.3, "expert_first": 0.2}
+    training |= _solver(settings, inspection)
     blocks = [
-        *([comment(said)] if (said := cut.told_short()) else []),
+        *(comment(said) for said in (cut.told_rates(), cut.told_short()) if said),
         f"# next: expertaug validate FILE; snakemake --cores 2 --configfile FILE   ({_count(rows)})",
         "results: results/measured",
         f"run: [{NAME}]",
@@ -129,6 +139,24 @@ def proposal(
     return "\n".join(blocks) + "\n"
 
 
+def _t1_s(settings: Mapping, length: int, inspection: Inspection) -> float:
+    """The end of the observed window: the middle of a chunk, or, of few rows, the time of the first two thirds."""
+    row_s = inspection.data.grid.row_s
+    if "whole" in settings:
+        since = np.concatenate([of.rows.t - of.rows.t[0] for of in inspection.data.grid.series])
+        return round(int(np.clip(np.quantile(since, OBSERVED, method="higher") / row_s, 1, length - 2)) * row_s, 9)
+    return round(length // 2 * row_s * _points_apart(settings, inspection), 9)
+
+
+def _solver(settings: Mapping, inspection: Inspection) -> dict[str, dict]:
+    """Steps as far apart as rows are whose grid is finer; none where inputs bend at each point of it."""
+    if settings.get("uneven") != "own" or set(inspection.names.inputs) - inspection.names.constant:
+        return {}
+    apart = np.concatenate([np.diff(of.rows.t) for of in inspection.data.grid.series])
+    points = int(np.quantile(apart, NEAREST) / inspection.data.grid.row_s / STEPS)
+    return {"solver": {"method": "rk4", "points_per_step": points}} if points > 1 else {}
+
+
 def _sharing(inspection: Inspection, constants: Sequence[str]) -> list[str]:
     """What windows share: of one or two trajectories a value for all, of more a value each, which may be the same.  Of
     three of them one trains, which has no distribution."""
@@ -168,6 +196,8 @@ def _cut(inspection: Inspection) -> tuple[dict, Measured, dict[str, np.ndarray]]
     """Settings whose three sets have chunks, the data with these, and the chunks (N, 2): as long as the data allow,
     between trajectories where there are some, or where they are too short for a split by time."""
     settings, data = _plain(inspection.settings), inspection.data
+    if (whole := _whole(settings, inspection)) is not None:
+        return whole
     apart = _rows_apart(inspection)
     if apart > 1:
         settings |= {"step_s": float(f"{apart * data.grid.row_s:.9g}"), "phases": "first"}
@@ -195,6 +225,27 @@ def _cut(inspection: Inspection) -> tuple[dict, Measured, dict[str, np.ndarray]]
         assert problem is not None
         raise problem
     return longest
+
+
+def _whole(settings: dict, inspection: Inspection) -> tuple[dict, Measured, dict[str, np.ndarray]] | None:
+    """The same where trajectories have few rows at uneven times, a chunk each; None where they have not."""
+    series, row_s = inspection.data.grid.series, inspection.data.grid.row_s
+    rows = [len(of.rows.t) for of in series]
+    if settings.get("uneven") != "own" or len(series) < FEWEST or max(rows) > SPARSE or min(rows) < 2:
+        return None
+    points = max(round((of.rows.t[-1] - of.rows.t[0]) / row_s) for of in series) + 1
+    if not SHORTEST <= points <= MANY:
+        return None
+    tried = settings | {"step_s": row_s, "whole": True, "length": points, "min_chunks": 1, "split": BETWEEN}
+    for key in ("stride", "evaluation_stride"):  # which say nothing, but are at most the length
+        del tried[key]
+        if MeasurementSettings.model_fields[key].default > points:
+            tried[key] = points
+    try:
+        cut = measure(MeasurementSettings.from_mapping(tried), inspection.names)
+        return tried, cut, chunks_of(cut)[0]
+    except InputError:  # what stands in its way, as inputs that end, is told of shorter chunks
+        return None
 
 
 def _longest(settings: dict, data: Measured, length: int) -> tuple[dict, Measured, dict[str, np.ndarray]] | InputError:
@@ -238,7 +289,8 @@ def _plain(settings: MeasurementSettings) -> dict:
         kept = {k: v for k, v in column.items() if v not in (None, 1.0, 0.0)}
         return kept["name"] if list(kept) == ["name"] else kept
 
-    dumped["columns"] = {name: short(column) for name, column in dumped["columns"].items()}
+    for key in {"columns", "inputs"} & dumped.keys():
+        dumped[key] = {name: short(column) for name, column in dumped[key].items()}
     if "time" in dumped:
         dumped["time"] = short(dumped["time"])
     return dumped

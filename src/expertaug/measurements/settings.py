@@ -325,7 +325,21 @@ class MeasurementSettings(Cutting, TableKeys):
         "share of a chunk's values, over the components with a column, that must have been measured; at 1, with a "
         "column for each component, models may rely on windows without gaps",
     )
+    whole: bool = key(
+        False,
+        "each trajectory is one chunk, from its first row on, and what a shorter one lacks counts as not measured, "
+        "however long its gaps: for few rows at uneven times; strides, longest_gap and min_seen then say nothing",
+    )
     split: SplitSettings = key(SplitSettings, "which pieces are for training, validation and testing")
+
+    @model_validator(mode="after")
+    def _whole_ones_are_not_divided(self) -> Self:
+        if self.whole and self.split.by == "time":
+            raise disagree("time divides trajectories", "with whole give random, quantity, file or column", "split.by")
+        if self.whole and self.horizons_s:
+            remedy = "with whole give a larger length, or []"
+            raise disagree("no chunk is longer than a trajectory", remedy, "horizons_s")
+        return self
 
     @model_validator(mode="after")
     def _horizons_are_longer(self) -> Self:

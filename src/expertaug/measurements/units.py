@@ -290,6 +290,15 @@ def _symbol(word: str) -> Unit | None:
     return None
 
 
+def time_unit(text: str) -> str | None:
+    """The unit of time other than the second that a unit, such as 1/h, is made with; None where there is none."""
+    for word in re.findall(r"[^\W\d_]+", text):
+        unit = parse(word)
+        if unit is not None and unit.kind == "time" and unit.factor != 1.0:
+            return word
+    return None
+
+
 def conversion(unit: str | None, to: str, where: object) -> tuple[float, float]:
     """Factor and summand that turn numbers in ``unit`` into numbers in ``to``.
 

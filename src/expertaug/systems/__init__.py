@@ -7,6 +7,7 @@ import importlib
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from expertaug import registry
@@ -74,6 +75,8 @@ def _class(name: str) -> type[System]:
         path = f"{__name__}.{name}"
     elif not wanted and "." not in path:
         remedy = f"{suggest(name, SYSTEMS)}; or a dotted path, or module:Class"
+        if Path(f"{name}.py").is_file():
+            remedy = f"for {name}.py of this folder, write its class as well: {name}:CLASS"
         raise InputError("system.name", f"no system {name!r}", remedy)
     module = registry.import_named(path, "system.name")
     classes = {

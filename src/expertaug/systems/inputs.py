@@ -70,6 +70,12 @@ def solve(
     if u is None:
         return solver(field, y0, t, propagator, rank, **options)
     u = u.to(y0.dtype)
+    if not system.inputs:  # covariates alone, which do not change
+
+        def constant(s: Tensor, y: Tensor, *side: Tensor) -> Tensor:
+            return field(s, y, u[0], *side)
+
+        return solver(constant, y0, t, propagator, rank, **options)
     if system.interpolation == "linear" and len(t) > 1:
         signal = Linear(t, u)
 

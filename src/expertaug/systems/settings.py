@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, Union
 
-from pydantic import ConfigDict, Discriminator, Field, Tag, field_validator
+from pydantic import ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 
 from expertaug.settings import (
     LEFT_OUT,
@@ -17,6 +17,7 @@ from expertaug.settings import (
     Range,
     Settings,
     by_shape,
+    disagree,
     key,
     wrong,
 )
@@ -50,6 +51,21 @@ class SolverSettings(Settings):
     rtol: Positive = key(1.0e-6, "relative tolerance of an adaptive method")
     atol: Positive = key(1.0e-6, "absolute tolerance of an adaptive method, in the state's units")
     substeps: int = key(1, "number of steps of a fixed-grid method between consecutive data times", ge=1, le=10_000)
+    points_per_step: int = key(
+        1,
+        "the other way round, for a grid much finer than the measured points on it: how many points a step of a "
+        "fixed-grid method goes on by; cubics lie between (not where measured inputs bend)",
+        ge=1,
+        le=10_000,
+    )
+
+    @model_validator(mode="after")
+    def _either(self) -> Self:
+        if self.substeps > 1 and self.points_per_step > 1:
+            raise disagree(
+                f"found {self.points_per_step}", "substeps divide steps: give one of the two", "points_per_step"
+            )
+        return self
 
 
 @dataclass(frozen=True)

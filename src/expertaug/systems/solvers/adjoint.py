@@ -134,6 +134,7 @@ def takes_adjoint(solver: object, y0: Tensor, width: int) -> bool:
     return (
         isinstance(solver, Solver)
         and solver.method in EXPLICIT
+        and solver.points_per_step == 1
         and y0.device.type == "cpu"
         and y0.dim() > 1
         and y0.shape[-1] <= LARGEST

@@ -85,6 +85,8 @@ class Solver(SolverSettings):
         """
         if event is not None and self.method != EVENTS:
             raise InputError("solver.method", f"{self.method} steps over events", f"give {EVENTS}, with substeps")
+        if self.method in FIXED and self.points_per_step > 1 and not kinks:
+            return self._over_points(f, y0, t, propagator, rank, event)
         if self.method in FIXED:
             grid = t
             if self.substeps > 1:
@@ -110,6 +112,39 @@ class Solver(SolverSettings):
             )
         except AssertionError as error:  # torchdiffeq's word for a step that underflowed, and for too many
             raise SolveError(f"{self.method} failed ({error})") from error
+
+    def _over_points(
+        self,
+        f: Callable[..., Tensor],
+        y0: Tensor,
+        t: Tensor,
+        propagator: Propagator | None,
+        rank: int,
+        event: Event | None,
+    ) -> Tensor:
+        """States at the times t by steps over several of them, and cubics through the steps' ends with their slopes.
+
+        Raises:
+            InputError: there are events, or a part that is exact, which f lacks.
+        """
+        if event is not None or propagator is not None:
+            what = "events, which lie between points" if event is not None else "a linear part that is solved exactly"
+            raise InputError("solver.points_per_step", f"a system with {what}", "leave it out")
+        each, last = self.points_per_step, len(t) - 1
+        ends = torch.tensor([*range(0, last, each), last], device=t.device)
+        single = self.model_copy(update={"points_per_step": 1})
+        states = single(f, y0, t[ends], None, rank)
+        if last == 0:
+            return states[:1]
+        slopes = torch.stack([f(s, y) for s, y in zip(t[ends], states, strict=True)])
+        begin = (torch.arange(last + 1, device=t.device) // each).clamp(max=len(ends) - 2)
+        width = t[ends].diff()[begin]
+        share, width = (values.to(y0).view(-1, *[1] * y0.dim()) for values in ((t - t[ends][begin]) / width, width))
+        begin = begin.to(y0.device)
+        rest = 1 - share
+        within = rest * (states[begin] * (1 + 2 * share) + slopes[begin] * width * share)
+        beyond = share * (states[begin + 1] * (1 + 2 * rest) - slopes[begin + 1] * width * rest)
+        return rest * within + share * beyond
 
 
 def _lawson4(f: Callable[[Tensor, Tensor], Tensor], y0: Tensor, t: Tensor, propagator: Propagator | None) -> Tensor:

@@ -1,0 +1,158 @@
+"""Few rows at uneven times, as blood samples are: each trajectory is one chunk, from its first row on."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from swings import table
+
+import expertaug as ea
+from expertaug.cli import main
+from expertaug.errors import InputError
+from expertaug.measurements.cut import measure
+from expertaug.measurements.names import Names
+from expertaug.measurements.settings import MeasurementSettings
+from expertaug.measurements.windows import latest_windows
+from expertaug.systems.base import Parameter, System
+
+SAMPLED = np.array([0.0, 0.25, 0.55, 1.1, 2.0, 3.6, 5.1, 7.0, 9.0, 12.1, 24.2])
+READ = {"columns": {"conc": "conc"}, "time": "Time", "trajectory": "Subject", "inputs": {"dose": "Dose"}}
+READ |= {"uneven": "own", "step_s": 0.01, "whole": True}
+
+
+class Tablet(System):
+    """A dose is absorbed and eliminated: dC/dt = dose ka exp(−ka t) / V − ke C."""
+
+    state = (Parameter("conc", "mg/L"),)
+    expert_parameters = (Parameter("ka", "1/h"), Parameter("ke", "1/h"), Parameter("V", "L/kg"))
+    covariates = (Parameter("dose", "mg/kg"),)
+
+    def expert(self, t, y, z_e, u):
+        ka, ke, v = z_e.unbind(-1)
+        return (u[..., 0] * ka / v * torch.exp(-ka * t) - ke * y[..., 0]).unsqueeze(-1)
+
+
+NAMES = Names({"conc": "mg/L"}, {"ka": "1/h", "ke": "1/h", "V": "L/kg"}, {"dose": "mg/kg"}, frozenset({"dose"}))
+
+
+@pytest.fixture(scope="module")
+def sampled(tmp_path_factory) -> tuple[Path, np.ndarray]:
+    """Eight subjects' samples at their own times, one of whom leaves early, and the true (ka, ke, V), (8, 3)."""
+    rng, rows = np.random.default_rng(0), {name: [] for name in ("Subject", "Wt", "Dose", "Time", "conc")}
+    true = np.exp(rng.normal(np.log([1.5, 0.09, 0.45]), [0.3, 0.1, 0.1], (8, 3)))
+    for subject, (ka, ke, v) in enumerate(true):
+        t = SAMPLED.copy()
+        t[1:] = np.round(t[1:] + rng.integers(-3, 4, 10) * 0.01, 2)
+        t = t[:7] if subject == 3 else t
+        dose = round(4 + subject / 10, 1)
+        conc = dose * ka / v / (ka - ke) * (np.exp(-ke * t) - np.exp(-ka * t)) + 0.05 * rng.standard_normal(len(t))
+        for name, values in {"Subject": subject + 1, "Wt": 70 + subject, "Dose": dose, "Time": t, "conc": conc}.items():
+            rows[name].append(np.broadcast_to(np.round(values, 3), t.shape))
+    return table(tmp_path_factory.mktemp("lab") / "doses.csv", {k: np.concatenate(v) for k, v in rows.items()}), true
+
+
+def test_a_trajectory_is_a_chunk_and_a_shorter_one_lacks_its_end(sampled):
+    chunks = ea.read_measurements(sampled[0], Tablet(), **READ, length=2430)
+    assert len(chunks) == 8 and chunks.y.shape[1] == 2430
+    assert chunks.mask.sum((1, 2)).tolist() == [11, 11, 11, 7, 11, 11, 11, 11] and chunks.mask[:, 0].all()
+    assert np.isfinite(chunks.u).all() and np.unique(chunks.u[3]) == pytest.approx([4.3])
+    seen = np.flatnonzero(chunks.mask[3, :, 0])
+    assert len(seen) == 7 and seen[-1] < 530, "rows are at their times"
+
+
+def test_rows_beyond_the_chunks_end_are_told(sampled, caplog):
+    chunks = ea.read_measurements(sampled[0], Tablet(), **READ, length=1001)
+    assert chunks.mask.sum((1, 2)).tolist() == [9, 9, 9, 7, 9, 9, 9, 9]
+    assert "14 of 84 rows lie beyond the 1001 points of a chunk" in caplog.text
+
+
+def test_constants_of_each_are_found_by_steps_over_several_points(sampled):
+    """And the same as by a step for each point of the grid."""
+    path, true = sampled
+    chunks = ea.read_measurements(path, Tablet(), **READ, length=2430)
+    prior = {"ka": (0.3, 5.0), "ke": (0.03, 0.3), "V": (0.2, 1.0)}
+    fit = {"observed_s": float(chunks.t[2425]), "prior": prior, "noise": 0.05, "starts": 8, "tries": 1}
+    model = ea.least_squares(Tablet(), chunks, **fit, solver={"method": "rk4", "points_per_step": 8})
+    forecast = model.forecast(chunks.seen[:, : model.observed], chunks.t, u=chunks.u)
+    for k, name in enumerate(("ka", "ke", "V")):
+        pull = (forecast.z_e[name] - true[:, k]) / forecast.z_e_std[name]
+        assert np.abs(pull).max() < 4 and np.abs(forecast.z_e[name] / true[:, k] - 1).max() < 0.2
+    alike = {name: getattr(chunks, name)[:1] for name in ("u", "mask", "id")}
+    one = ea.Trajectories(chunks.t, chunks.y[:1], chunks.z_e[:1], **alike)
+    each = ea.least_squares(Tablet(), one, **fit, solver={"method": "rk4"})
+    again = each.forecast(one.seen[:, : each.observed], one.t, u=one.u)
+    assert again.z_e["ka"] == pytest.approx(forecast.z_e["ka"][:1], rel=1e-3)
+
+
+def settings(path, **given):
+    return MeasurementSettings(**READ | {"paths": str(path), "length": 2430, "min_chunks": 1} | given)
+
+
+def test_a_forecast_observes_the_first_rows(sampled):
+    t = 0.01 * np.arange(2430)
+    windows = latest_windows([str(sampled[0])], settings(sampled[0]), NAMES, t, 703)
+    assert windows.y.shape == (8, 703, 1) and windows.start_s.tolist() == [0.0] * 8 and not windows.left_out
+    assert np.isfinite(windows.y).sum((1, 2)).min() >= 7
+
+
+def test_what_cannot_be_whole_is_refused(sampled, tmp_path):
+    path = sampled[0]
+    for given, told in (
+        ({"split": {"by": "time"}}, r"split\.by: time divides trajectories"),
+        ({"horizons_s": [30.0]}, "horizons_s.*no chunk is longer than a trajectory"),
+        ({"uneven": "mask", "step_s": None}, "off a grid"),
+    ):
+        keys = READ | {"paths": str(path), "length": 2430} | given
+        with pytest.raises(InputError, match=told):
+            measure(MeasurementSettings.from_mapping(keys), NAMES)
+    lines = path.read_text().splitlines()
+    two = tmp_path / "two.csv"
+    two.write_text("\n".join(lines[:23]) + "\n")
+    with pytest.raises(InputError, match="whole: 2 trajectories are as many chunks"):
+        ea.split_measurements(two, Tablet(), split={"by": "random"}, **READ, length=2430)
+    blank = tmp_path / "blank.csv"
+    blank.write_text("\n".join([lines[0], lines[1].rpartition(",")[0] + ",", *lines[2:]]) + "\n")
+    with pytest.raises(InputError, match=r"whole: the first row of blank/1(\.0)? has no value"):
+        ea.read_measurements(blank, Tablet(), **READ, length=2430)
+
+
+def test_inputs_that_end_before_the_chunk_are_told(tmp_path):
+    t = np.array([0.0, 0.3, 0.5, 1.2, 2.0])
+    rows = {"trial": np.repeat([0.0, 1.0, 2.0], 5), "t": np.tile(t, 3), "angle": np.cos(np.tile(t, 3))}
+    path = table(tmp_path / "driven.csv", rows | {"drive": np.ones(15)})
+    lab = {"columns": {"theta": "angle"}, "inputs": {"torque": "drive"}, "trajectory": "trial", "uneven": "own"}
+    with pytest.raises(InputError, match=r"whole: known inputs of driven/0.* do not reach"):
+        ea.read_measurements(path, ea.DrivenPendulum(), **lab, step_s=0.1, whole=True, length=31)
+
+
+def test_inspection_proposes_it_with_the_covariate_and_the_steps(sampled, tmp_path, capsys, monkeypatch):
+    own = "import torch\nfrom expertaug.systems.base import Parameter, System\n\n\n" + inspect.getsource(Tablet)
+    (tmp_path / "tablet.py").write_text(own, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert main(["inspect-data", str(sampled[0]), "--system", "tablet:Tablet"]) == 0
+    out = capsys.readouterr().out
+    assert "ka is in 1/h: if the times are in h, read h where keys and figures say s" in out
+    assert "dose [mg/kg], known: column 'Dose'" in out
+    assert "the same in all rows of a trajectory, so no component: Wt;" in out
+    experiment = yaml.safe_load(out)["experiments"]["measured"]
+    files = experiment["data"]["files"]
+    assert files["inputs"] == {"dose": "Dose"} and files["whole"] is True and "stride" not in files
+    assert files["length"] == pytest.approx(2424, abs=4) and 5 < experiment["data"]["t1_s"] < 7.1
+    assert 5 <= experiment["training"]["solver"]["points_per_step"] <= 15
+    (tmp_path / "mine.yaml").write_text(out)
+    assert main(["validate", "mine.yaml"]) == 0
+
+
+def test_times_in_another_unit_than_the_systems_rates_are_told(sampled, caplog):
+    hours = READ | {"time": {"name": "Time", "unit": "h"}, "step_s": 36.0}
+    ea.read_measurements(sampled[0], Tablet(), **hours, length=2430)
+    assert "times are converted to s, but the system has ka in 1/h" in caplog.text and "unit: s" in caplog.text
+    caplog.clear()
+    ea.read_measurements(sampled[0], Tablet(), **READ | {"time": {"name": "Time", "unit": "s"}}, length=2430)
+    assert not caplog.records
