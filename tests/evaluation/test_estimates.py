@@ -104,6 +104,16 @@ def test_what_windows_cannot_tell_is_told():
     assert [one.parameter for one in summarise(stated(), RANGES, ["omega0"])] == ["alpha"]
 
 
+def test_a_trajectory_of_one_window_keeps_its_own_error():
+    """Also where some windows leave a parameter open, whose mean then weighs all alike."""
+    values, errors = np.array([[[2.0], [2.1], [2.9]]]), np.array([[[0.1], [0.2], [5.0]]])
+    identity = np.array(["a/0", "b/0", "c/0"])
+    found = summarise(Stated(values, errors, ["omega0"], ["rad/s"], identity, {}), RANGES)
+    assert [one.of for one in found] == [ALL, "a", "b", "c"] and found[0].told is False
+    assert [one.error for one in found[1:]] == pytest.approx([0.1, 0.2, 5.0])
+    assert found[0].error > 1 and found[0].value == pytest.approx(values.mean())
+
+
 def test_seeds_that_differ_widen_the_error():
     one = stated(seeds=2)
     apart = Stated(one.values + np.array([0.0, 1.0])[:, None, None], one.errors, one.names, one.units, None, {})

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from fitted_pendulum import NOISE, OBSERVED, T
 
-from expertaug.evaluation.score import score
+from expertaug.evaluation.score import kept_of, score
 from expertaug.evaluation.settings import Scoring
 from expertaug.systems.settings import SolverSettings
 
@@ -28,3 +28,8 @@ def test_bands_of_laplaces_approximation_hold(fitted):
     again = score(stored, data, SCORING, "y0", torch.device("cpu"), keep=3, noise=NOISE)
     assert np.array_equal(again.drawn.crps, found.drawn.crps) and torch.equal(again.band, found.band)
     assert "crps" not in score(stored, data, SCORING.without_draws, "y0", torch.device("cpu")).values
+
+
+def test_kept_samples_are_kept_once():
+    assert [kept_of(count, 3).tolist() for count in (1, 2, 3, 4, 9)] == [[0], [0, 1], [0, 1, 2], [0, 1, 2], [2, 4, 6]]
+    assert kept_of(5, 0).tolist() == []

@@ -10,7 +10,7 @@ spread; its mean has Student's t intervals (Hartung & Knapp 2001).
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -227,6 +227,7 @@ def summarise(
             rows.append(row(pooled, name, unit, SHARED, windows))
             continue
         mean, typical = values.mean(0), None if errors is None else errors.mean(0)
+        stated_by_one = typical
         if typical is not None and name in left_open:
             # Errors of weak estimates follow these: the low ones of a positive parameter would count most.
             typical = np.full_like(typical, np.sqrt(np.square(typical).mean()))
@@ -248,6 +249,11 @@ def summarise(
             rows.append(row(of_all, name, unit, of, windows, of_windows=True))
         if identity is not None:
             done = {constant.of for constant in own}
+            if stated_by_one is not None:  # what is one window's own needs no weights
+                for trajectory, places in places_by_trajectory(identity, windows).items():
+                    if len(places) == 1 and trajectory not in done:
+                        error = float(np.hypot(stated_by_one[places[0]], between))
+                        each[trajectory] = replace(each[trajectory][0], error=error), 1
             rows += [row(pooled, name, unit, t, n, of_windows=True) for t, (pooled, n) in each.items() if t not in done]
     of_sensors = [constant for constant in together if constant.name not in stated.names]
     return rows + [

@@ -71,6 +71,11 @@ class Scored:
             yield from ((metric, seed, float(value[k])) for k, seed in enumerate(seeds))
 
 
+def kept_of(count: int, keep: int) -> np.ndarray:
+    """Which of a set's samples are kept, each once, evenly spread."""
+    return np.arange(count) if count <= keep else np.linspace(0, count - 1, keep + 2)[1:-1].astype(int)
+
+
 @torch.no_grad()
 def score(
     stored: StoredModel,
@@ -98,7 +103,7 @@ def score(
     bound = bound_of_card(stored.card, device)
     if bound is not None:  # what turns at one speed goes as far as the time is long
         bound = bound * max(1.0, float(truth.t[-1]) / stored.card.t[-1])
-    index = np.linspace(0, len(truth) - 1, min(keep, len(truth)) + 2)[1:-1].astype(int)
+    index = kept_of(len(truth), keep)
     check_given(system, None if truth.u is None else torch.from_numpy(truth.u), "set")
     size = max(1, CHUNK_BYTES // (seeds * truth.y[0].nbytes))
     late, early, after, estimates, kept, runaways, drawn, estimate_s = [], [], [], [], [], [], [], 0.0

@@ -271,15 +271,19 @@ class Mean(EstimatorKind):
     def fit(
         cls, system: System, train: Trajectories, card: ModelCard, truth: bool = False
     ) -> tuple[nn.Module, ModelCard]:
-        """The mean (T, *state) of what was measured; 0 where nothing was."""
+        """The mean (T, *state), with straight lines over the gaps of each signal; of a component that nobody measured
+        0."""
         import torch
 
         from expertaug.models.decoder import MeanModel
+        from expertaug.windows import fill
 
         y = torch.from_numpy(train.y)
         if train.mask is None or train.mask.all():
             return MeanModel(system, y.mean(0)), card
-        return MeanModel(system, y.sum(0) / torch.from_numpy(train.mask).sum(0).clamp_min(1)), card
+        filled = fill(torch.from_numpy(train.seen).movedim(1, 0), torch.from_numpy(train.t), y.new_zeros(y.shape[2:]))
+        measured = torch.from_numpy(train.mask).any(1)  # of a signal's component
+        return MeanModel(system, torch.where(measured, filled, 0.0).sum(1) / measured.sum(0).clamp_min(1)), card
 
     @classmethod
     def network(
