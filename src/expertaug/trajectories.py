@@ -10,6 +10,7 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, read_npz
+from expertaug.wording import brief
 
 OPTIONAL = ("id", "u", "mask", "noise")
 STEP_SHARE = 1e-3  # of a step: times that are nearer are the same
@@ -41,6 +42,13 @@ class Trajectories:
     mask: np.ndarray | None = None
     noise: np.ndarray | None = None
     u: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        """In one line, whatever the size."""
+        known = "" if self.u is None else f", {self.u.shape[2]} known inputs"
+        seen = "" if self.mask is None else f", {100 * self.mask.mean():.3g} % measured"
+        shape = "×".join(map(str, self.y.shape[2:]))
+        return f"Trajectories({len(self)} of {brief(self.t)}, states of {shape} numbers{known}{seen})"
 
     def __post_init__(self) -> None:
         if self.z_a is None:

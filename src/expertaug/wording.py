@@ -63,6 +63,13 @@ def show(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+def brief(t: Sequence[float]) -> str:
+    """Times in s in short, as a sequence or an array (T,)."""
+    if len(t) < 4:
+        return f"{', '.join(f'{v:.6g}' for v in t)} s"
+    return f"{t[0]:.6g}, {t[1]:.6g} … {t[-1]:.6g} s ({len(t)} points)"
+
+
 def number_in(text: str) -> str | None:
     """The number in a text as YAML wants it written (``1e-3`` → ``1.0e-3``); None where it holds no number."""
     text = text.strip()

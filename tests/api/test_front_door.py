@@ -3,8 +3,10 @@
 import ast
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from small_pendulum import SEEN, T
 
@@ -60,3 +62,24 @@ def test_what_cannot_be_simulated_is_one_line(change, expected):
     options = {"z_e": SEEN, "z_a": {"alpha": (0, 1)}, "n": 2, "t": T} | change
     with pytest.raises(ea.InputError, match=expected):
         ea.simulate(ea.DampedPendulum(), **options)
+
+
+def test_what_is_shown_of_a_result_is_one_line():
+    """As a notebook shows what stands alone in a cell, whatever the arrays hold."""
+    pendulum, t = ea.DampedPendulum(), np.arange(41) * 0.1
+    train = ea.simulate(pendulum, {"omega0": (1.5, 3.1)}, {"alpha": (0.0, 0.3)}, n=6, t=t, noise=0.01)
+    model = ea.least_squares(
+        pendulum, train, observed_s=2.0, prior={"omega0": (1.0, 4.0)}, noise=0.01, starts=4, tries=1
+    )
+    windows = train.y[:3, : model.observed]
+    shown = {
+        "Trajectories(6 of 0, 0.1 … 4 s (41 points), states of 2 numbers)": train,
+        "Forecast(3 windows, 0, 0.1 … 4 s (41 points), seed 0, estimates of omega0": model.forecast(windows, t),
+        "Band(0, 0.1 … 4 s (41 points), quantiles ": ea.predictive(model, windows, t),
+        "Equation(": ea.explain(model, train, train, max_samples=6),
+        "Comparison(": ea.compare({"damped": pendulum, "again": pendulum}, train, observed_s=2.0, noise=0.01),
+    }
+    for begins, result in shown.items():
+        assert repr(result).startswith(begins) and "\n" not in repr(result) and len(repr(result)) < 300
+    group = model.forecast(windows, t)
+    assert repr(replace(group, z_e={}, seeds=[0, 1], y=np.stack((group.y,) * 2))).startswith("Forecast(3 windows")

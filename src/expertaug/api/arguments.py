@@ -17,7 +17,7 @@ from expertaug.systems import System
 from expertaug.systems.inputs import check_given
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories, points_until
-from expertaug.wording import check_keys
+from expertaug.wording import brief, check_keys
 
 Array: TypeAlias = np.ndarray | Tensor
 Ranges: TypeAlias = Mapping[str, Sequence[float]]
@@ -154,13 +154,6 @@ def same_times(actual: np.ndarray, expected: np.ndarray, name: str, remedy: str)
         if np.abs(actual - expected).max() <= TIME_TOLERANCE * span:
             return
     raise InputError(name, f"has the times {brief(actual)}", f"the model knows {brief(expected)}: {remedy}")
-
-
-def brief(t: np.ndarray) -> str:
-    """Times in short."""
-    if len(t) < 4:
-        return f"{', '.join(f'{v:.6g}' for v in t)} s"
-    return f"{t[0]:.6g}, {t[1]:.6g} … {t[-1]:.6g} s ({len(t)} points)"
 
 
 def ranges(bounds: Ranges, names: Iterable[str], where: str) -> dict[str, list[float]]:

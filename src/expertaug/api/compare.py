@@ -45,6 +45,10 @@ class Comparison:
     says: str
     choice: Choice
 
+    def __repr__(self) -> str:
+        """What it says."""
+        return f"Comparison({self.says})"
+
 
 def compare(
     experts: Mapping[str, System],

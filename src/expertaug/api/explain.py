@@ -33,6 +33,10 @@ logger = logging.getLogger(__name__)
 class Equation(Found):
     """What the expert lacks, in terms: as :class:`expertaug.equation.result.Found`, with tables and a model."""
 
+    def __repr__(self) -> str:
+        """What it says."""
+        return f"Equation({'; '.join(self.says.splitlines())})"
+
     @cached_property
     def model(self) -> TrainedModel:
         """Expert and equation as a trained model, whose windows are fitted by least squares."""

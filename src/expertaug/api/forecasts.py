@@ -11,6 +11,7 @@ from torch import Tensor
 from expertaug.api.arguments import Array
 from expertaug.errors import InputError
 from expertaug.models.doubts import FitDoubts
+from expertaug.wording import brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,15 @@ class Forecast:
     doubts: FitDoubts | None = None
     y_std: np.ndarray | None = None
     failed: list[int] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        """In one line, whatever the size."""
+        several = len(self.seeds) > 1 and self.y_std is None
+        windows = self.y.shape[int(next((values.ndim > 1 for values in self.z_e.values()), several))]
+        seeds = f"seeds {self.seeds}" if len(self.seeds) > 1 else f"seed {self.seeds[0]}"
+        estimates = f", estimates of {', '.join(self.z_e)}" if self.z_e else ""
+        trusted = "" if self.trusted is None else f", {100 * _numpy(self.trusted).mean():.3g} % trusted"
+        return f"Forecast({windows} windows, {brief(self.t)}, {seeds}{estimates}{trusted})"
 
     def median(self) -> Forecast:
         """One forecast of several seeds, which no single seed that fails moves far: at each time, and of each estimate,

@@ -24,6 +24,7 @@ from expertaug.learning.divergence import bound_of_card
 from expertaug.learning.trainer import History
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
+from expertaug.wording import brief
 
 
 class FlowOptions(TypedDict, total=False):
@@ -69,6 +70,12 @@ class Band:
     levels: tuple[float, ...]
     quantiles: Array
     z_e: dict[str, Array]
+
+    def __repr__(self) -> str:
+        """In one line, whatever the size."""
+        levels = ", ".join(f"{level:g}" for level in self.levels)
+        draws = f", draws of {', '.join(self.z_e)}" if self.z_e else ""
+        return f"Band({brief(self.t)}, quantiles {levels}{draws})"
 
 
 def fit_posterior(

@@ -43,6 +43,7 @@ from expertaug.systems import System
 from expertaug.systems.solvers.solver import Solver
 from expertaug.trajectories import Trajectories
 from expertaug.windows import Windows
+from expertaug.wording import brief
 
 T = TypeVar("T")
 
@@ -149,7 +150,7 @@ class TrainedModel:
         return self.stored.card.label
 
     def __repr__(self) -> str:
-        window = arguments.brief(self.t[: self.observed])
+        window = brief(self.t[: self.observed])
         return f"TrainedModel({self.label}, {type(self.system).__name__}, seeds {self.seeds}, observes {window})"
 
     def __len__(self) -> int:
@@ -319,7 +320,7 @@ class TrainedModel:
         data = arguments.trajectories(data, "data").spread(max_samples)
         first = self.t[self.observed - 1] if from_s is None else from_s
         if not (data.t > first if from_s is None else data.t >= first).any():
-            problem = f"has the times {arguments.brief(data.t)}"
+            problem = f"has the times {brief(data.t)}"
             raise InputError(
                 "data", problem, f"none {'after' if from_s is None else 'from'} {first:g} s: nothing to score"
             )
