@@ -156,3 +156,19 @@ def test_times_in_another_unit_than_the_systems_rates_are_told(sampled, caplog):
     caplog.clear()
     ea.read_measurements(sampled[0], Tablet(), **READ | {"time": {"name": "Time", "unit": "s"}}, length=2430)
     assert not caplog.records
+
+
+def test_a_dose_that_stands_in_one_row_of_a_subject_is_no_concentration(tmp_path, capsys, monkeypatch):
+    rows = [f"{subject},0,320,.,70\n" for subject in range(1, 5)]
+    for subject in range(1, 5):
+        rows += [f"{subject},{t:g},.,{10 * np.exp(-0.1 * t):.2f},70\n" for t in SAMPLED[1:]]
+    rows.sort(key=lambda row: (row.split(",")[0], float(row.split(",")[1])))
+    (tmp_path / "doses.csv").write_text("ID,TIME,AMT,DV,WT\n" + "".join(rows))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tablets.py").write_text(
+        "import torch\nfrom expertaug.systems.base import Parameter, System\n\n\n" + inspect.getsource(Tablet)
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert main(["inspect-data", "doses.csv", "--system", "tablets:Tablet"]) == 0
+    out = capsys.readouterr().out
+    assert "conc (column 'DV')" in out and "no component: AMT, WT;" in out

@@ -147,8 +147,8 @@ def _inputs(rest: Sequence[str], table: Table, names: Names, units: Mapping[str,
 
 
 def _still(rest: Mapping[str, np.ndarray], table: Table, trajectory: str | None) -> list[str]:
-    """Columns of numbers (n,) that are the same in all rows of each trajectory, as a dose or a mass is; none where
-    there are no others."""
+    """Columns of numbers (n,) that are the same in all rows of each trajectory, as a mass is, or stand in one of them
+    alone, as a dose does; none where there are no others."""
     groups = np.zeros(len(table), dtype=int) if trajectory is None else table.kinds(trajectory).of_row
     order = np.argsort(groups, kind="stable")
     begins = np.flatnonzero(np.diff(groups[order], prepend=-1))
@@ -157,7 +157,8 @@ def _still(rest: Mapping[str, np.ndarray], table: Table, trajectory: str | None)
         ranged = values[order]
         low, high = (f.reduceat(ranged, begins) for f in (np.fmin, np.fmax))
         several = np.add.reduceat(np.isfinite(ranged).astype(int), begins) > 1
-        if several.any() and (low == high)[several].all():
+        once = not several.any() and (np.bincount(groups) > 1).any() and np.isfinite(values).any()
+        if once or (several.any() and (low == high)[several].all()):
             still.append(name)
     return still if len(still) < len(rest) else []
 
