@@ -186,6 +186,16 @@ def test_labels_of_a_loss_that_falls_below_zero_do_not_collide(tmp_path):
     assert len(shown) >= 4 and all(one[1] < other[0] for one, other in itertools.pairwise(shown))
 
 
+def test_a_course_of_one_step_is_not_in_the_legend(tmp_path):
+    logs = write_logs(tmp_path, labels=("Hybrid", "Mean"), steps=20)
+    short = logs[-1].read_text().splitlines()
+    steps = [k for k, line in enumerate(short) if "loss" in line]
+    logs[-1].write_text("".join(f"{line}\n" for k, line in enumerate(short) if k not in steps[1:]))
+    figure = traces.curves(map(read_log, logs), FigureReading(**pairs(("Hybrid", "Mean"))))
+    assert len(figure.axes[0].lines) == 1
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["Hybrid", "range over seeds (line: mean)"]
+
+
 def test_where_nothing_is_trained_the_curves_say_so():
     assert traces.curves([]).texts[0].get_text() == "no method is trained by gradient steps"
 

@@ -253,8 +253,8 @@ def _draw(axis: Axes, field: np.ndarray, limits: tuple[float, float]) -> AxesIma
 
 
 def curves(logs: Iterable[Log], reading: FigureReading = PLAIN, traced: Sequence[str] = ()) -> Figure:
-    """The course of trainings: mean over seeds as a line, all seeds as a band; a row per experiment.  Where nothing is
-    trained the figure says so.
+    """The course of trainings: mean over seeds as a line, all seeds as a band; a row per experiment.  One of a single
+    logged step is none.  Where nothing is trained the figure says so.
 
     Arguments:
         logs: of every method and group of seeds.
@@ -291,17 +291,18 @@ def curves(logs: Iterable[Log], reading: FigureReading = PLAIN, traced: Sequence
     with plotting.use_style():
         figure = plotting.new_figure(0.6 + 2.1 * len(experiments), plotting.WIDTH)
         grid = figure.subplots(len(experiments), len(metrics), squeeze=False)
+        drawn = set()
         for row, (experiment, group) in enumerate(experiments.items()):
             for axis, (metric, title) in zip(grid[row], metrics.items(), strict=True):
                 for method in methods:
-                    if method in group:
-                        _curve(axis, group[method], metric, _look(method, colours))
+                    if method in group and _curve(axis, group[method], metric, _look(method, colours)):
+                        drawn.add(method)
                 _scale(axis)
                 axis.set(
                     title=reading.of_experiment(experiment) if len(experiments) > 1 else "", xlabel="step", ylabel=title
                 )
                 axis.grid(axis="y")
-        handles = _handles(methods, labels, colours)
+        handles = _handles([method for method in methods if method in drawn], labels, colours)
         handles.append(Patch(facecolor="0.85", label="range over seeds (line: mean)"))
         plotting.legend(figure, handles)
         if len(experiments) == 1:
@@ -322,8 +323,8 @@ def _limits(axes: Sequence[Axes], truth: np.ndarray) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _curve(axis: Axes, logs: Sequence[Log], metric: str, look: plotting.Look) -> None:
-    """Groups of seeds of one method side by side; a long course is averaged in bins."""
+def _curve(axis: Axes, logs: Sequence[Log], metric: str, look: plotting.Look) -> bool:
+    """Groups of seeds of one method side by side; a long course is averaged in bins.  Whether there is one."""
     by_step: dict[int, list[float]] = {}
     for log in logs:
         for line in log.steps:
@@ -332,8 +333,8 @@ def _curve(axis: Axes, logs: Sequence[Log], metric: str, look: plotting.Look) ->
                 by_step.setdefault(line.step, []).extend(values if isinstance(values, tuple) else [values])
     widest = max(map(len, by_step.values()), default=0)
     steps = np.array(sorted(step for step, values in by_step.items() if len(values) == widest))
-    if not len(steps):
-        return
+    if len(steps) < 2:
+        return False
     values = np.array([by_step[step] for step in steps])
     values[~np.isfinite(values)] = np.nan
     size = -(-len(steps) // CURVE_POINTS)
@@ -344,6 +345,7 @@ def _curve(axis: Axes, logs: Sequence[Log], metric: str, look: plotting.Look) ->
     if widest > 1:
         axis.fill_between(steps, values.min(1), values.max(1), color=look["color"], alpha=0.25, linewidth=0)
     axis.plot(steps, values.mean(1), linewidth=1.3, **look)
+    return True
 
 
 def _scale(axis: Axes) -> None:
