@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from swings import table
+from swings import STEP, swing, table
 
 import expertaug as ea
 from expertaug.cli import main
@@ -172,3 +172,20 @@ def test_a_dose_that_stands_in_one_row_of_a_subject_is_no_concentration(tmp_path
     assert main(["inspect-data", "doses.csv", "--system", "tablets:Tablet"]) == 0
     out = capsys.readouterr().out
     assert "conc (column 'DV')" in out and "no component: AMT, WT;" in out
+
+
+@pytest.mark.parametrize("uneven", ["mask", "interpolate"])
+def test_of_rows_on_a_grid_too(tmp_path, uneven):
+    """Also where rows are missing for longer than a chunk may otherwise span."""
+    rows = []
+    for trial, count in enumerate((40, 25, 33)):
+        t = np.delete(np.arange(count), slice(8, 16) if trial == 2 else [])
+        y = swing(0.5, points=count)[t]
+        rows.append(np.column_stack((np.full(len(t), trial), STEP * t, y)))
+    path = table(tmp_path / "a.csv", dict(zip(("trial", "t", "angle", "speed"), np.concatenate(rows).T, strict=True)))
+    lab = {"columns": {"theta": "angle", "omega": "speed"}, "trajectory": "trial", "uneven": uneven}
+    chunks = ea.read_measurements(path, ea.DampedPendulum(), **lab, whole=True, length=40)
+    assert chunks.y.shape == (3, 40, 2) and chunks.t == pytest.approx(STEP * np.arange(40))
+    measured = chunks.mask[..., 0].sum(1).tolist()
+    assert measured == [40, 25, 25] and not chunks.mask[2, 8:16].any() and chunks.mask[2, 16:33].all()
+    assert chunks.y[2, 20] == pytest.approx(swing(0.5, points=40)[20], abs=1e-5)

@@ -114,8 +114,8 @@ class Measured:
         """What is said of rows that no chunk can hold, whatever the split; else empty."""
         span, total, lost = (self.settings.length - 1) * self.grid.step + 1, 0, 0
         if self.settings.whole:
-            total = sum(len(trajectory.rows.t) for trajectory in self.grid.series)
-            lost = total - sum(int((trajectory.row >= 0).sum()) for trajectory in self.grid.series)
+            since = np.concatenate([of.rows.t - of.rows.t[0] for of in self.grid.series])
+            total, lost = len(since), int((since > (self.settings.length - 0.5) * self.grid.step_s).sum())
             where = f"beyond the {self.settings.length} points of a chunk: give a larger length"
             return f"{lost} of {total} rows lie {where}" if lost else ""
         for trajectory in self.grid.series:

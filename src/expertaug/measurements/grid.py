@@ -334,6 +334,7 @@ def _spline(t: np.ndarray, values: np.ndarray, at: np.ndarray, near: float) -> n
         return interpolated
     place = np.clip(np.searchsorted(t, at, side="right"), 1, len(t) - 1)
     inside = (at >= t[0] - 1e-9) & (at <= t[-1] + 1e-9) & (t[place] - t[place - 1] <= 2 * near)
+    inside |= np.minimum(np.abs(at - t[place]), np.abs(at - t[place - 1])) <= 1e-6 * near  # a row beside a gap
     interpolated[inside] = make_interp_spline(t, values, k=min(3, len(t) - 1))(at[inside])
     return interpolated
 
