@@ -12,6 +12,7 @@ import yaml
 from swings import STEP, swing, table
 
 import expertaug as ea
+from expertaug import systems
 from expertaug.cli import main
 from expertaug.errors import InputError
 from expertaug.measurements.cut import measure
@@ -189,3 +190,34 @@ def test_of_rows_on_a_grid_too(tmp_path, uneven):
     measured = chunks.mask[..., 0].sum(1).tolist()
     assert measured == [40, 25, 25] and not chunks.mask[2, 8:16].any() and chunks.mask[2, 16:33].all()
     assert chunks.y[2, 20] == pytest.approx(swing(0.5, points=40)[20], abs=1e-5)
+
+
+class Shaken(System):
+    """A mass on a spring whose foundation moves as cos 2t, written with t itself."""
+
+    state = (Parameter("x", "m"), Parameter("v", "m/s"))
+    expert_parameters = (Parameter("k", "1/s²"),)
+
+    def expert(self, t, y, z_e):
+        x, v = y.unbind(-1)
+        return torch.stack((v, torch.cos(2 * t) - z_e[..., 0] * x), dim=-1)
+
+
+def test_chunks_that_begin_where_an_experts_time_does_not_are_told(tmp_path, caplog, capsys, monkeypatch):
+    assert not systems.names(ea.DampedPendulum()).timed and systems.names(Shaken()).timed
+    t = 0.1 * np.arange(300)
+    rows = {"trial": np.repeat([0.0, 1.0, 2.0], 300), "t": np.tile(t, 3), "x": np.cos(np.tile(t, 3))}
+    path = table(tmp_path / "shaken.csv", rows | {"v": -np.sin(rows["t"])})
+    lab = {"columns": {"x": "x", "v": "v"}, "trajectory": "trial"}
+    ea.read_measurements(path, Shaken(), **lab, length=150, stride=75)
+    assert "depends on t" in caplog.text and "6 of 9 begin later in their trajectory: give whole: true" in caplog.text
+    caplog.clear()
+    ea.split_measurements(path, Shaken(), split={"by": "random"}, **lab, length=300, whole=True)
+    ea.read_measurements(path, ea.DampedPendulum(), columns={"theta": "x", "omega": "v"}, trajectory="trial", length=50)
+    assert not caplog.records
+    own = "import torch\nfrom expertaug.systems.base import Parameter, System\n\n\n" + inspect.getsource(Shaken)
+    (tmp_path / "shaken_here.py").write_text(own, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert main(["inspect-data", "shaken.csv", "--system", "shaken_here:Shaken"]) == 0
+    assert "# the system's expert depends on t" in capsys.readouterr().out

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -110,6 +110,15 @@ class Measured:
         remedy = f"give the system's parameters in s instead of {unit}, or let the numbers be (unit: s) and read {unit}"
         return f"{problem}: {remedy} where keys and figures say s"
 
+    def told_late(self, rows: Iterable[np.ndarray]) -> str:
+        """What is said of chunks (N, 2) that do not begin where t does, of an expert that depends on it; else empty."""
+        begins = np.concatenate(list(rows))[:, 1]
+        if not self.names.timed or not begins.any():
+            return ""
+        late = f"{np.count_nonzero(begins)} of {len(begins)} begin later in their trajectory"
+        remedy = "give whole: true, or what it depends on as a known input"
+        return f"the system's expert depends on t, which counts from a chunk's first point, and {late}: {remedy}"
+
     def told_short(self) -> str:
         """What is said of rows that no chunk can hold, whatever the split; else empty."""
         span, total, lost = (self.settings.length - 1) * self.grid.step + 1, 0, 0
@@ -130,6 +139,11 @@ class Measured:
     def warn_of_short(self) -> None:
         """Tell of rows that no chunk can hold, and of parameters in another unit of time."""
         for said in filter(None, (self.told_short(), self.told_rates())):
+            logger.warning("%s", said)
+
+    def warn_of_late(self, rows: Iterable[np.ndarray]) -> None:
+        """Tell of chunks (N, 2) that do not begin where t does."""
+        if said := self.told_late(rows):
             logger.warning("%s", said)
 
     def shares_seen(self) -> dict[str, float]:
@@ -432,6 +446,7 @@ def sets_of(data: Measured) -> Divided:
         InputError: a set has too few chunks.
     """
     rows, thresholds = chunks_of(data)
+    data.warn_of_late(rows.values())
     return Divided({name: trajectories_of(data, of) for name, of in rows.items()}, rows, thresholds)
 
 
@@ -462,4 +477,5 @@ def all_chunks(data: Measured) -> Trajectories:
         problem = f"no chunk has {data.settings.min_seen:g} of its values measured{also}"
         remedy = _off_grid_or(data, _fewer_seen(data, labels))
         raise InputError(f"{WHERE}.min_seen", problem, remedy)
+    data.warn_of_late([rows])
     return trajectories_of(data, thin_out(rows, data.settings.limit("train")))

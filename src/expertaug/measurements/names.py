@@ -15,6 +15,7 @@ class Names:
         constant: the covariates, which are constant along a trajectory.
         held: whether an input holds its value until the next; else it is linear in between.
         rates: component → the component whose rate of change it is.
+        timed: whether the expert depends on t itself, which counts from a chunk's first point.
     """
 
     state: Mapping[str, str]
@@ -23,3 +24,4 @@ class Names:
     constant: frozenset[str] = frozenset()
     held: bool = False
     rates: Mapping[str, str] = field(default_factory=dict)
+    timed: bool = False

@@ -91,7 +91,7 @@ def proposal(
     training = {"epochs": 200, "batch_size": 20, "learning_rate": 3e-3, "horizon_warmup": 0.3, "expert_first": 0.2}
     training |= _solver(settings, inspection)
     blocks = [
-        *(comment(said) for said in (cut.told_rates(), cut.told_short()) if said),
+        *(comment(said) for said in (cut.told_rates(), cut.told_late(rows.values()), cut.told_short()) if said),
         f"# next: expertaug validate FILE; snakemake --cores 2 --configfile FILE   ({_count(rows)})",
         "results: results/measured",
         f"run: [{NAME}]",

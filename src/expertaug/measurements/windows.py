@@ -64,6 +64,7 @@ def latest_windows(
     if not len(latest):
         needed = f"{points} points {data.grid.step_s:.6g} s apart, of which {read.min_seen:g} was measured"
         raise InputError(paths[0], "no trajectory has a window as the model observes it", f"it needs {needed}")
+    data.warn_of_late([latest])
     windows = trajectories_of(data, latest)
     left_out = [trajectory.name for k, trajectory in enumerate(series) if k not in latest[:, 0]]
     start = np.array([series[k].t[first] for k, first in latest])

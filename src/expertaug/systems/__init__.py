@@ -17,11 +17,14 @@ from expertaug.systems.settings import SYSTEMS, SystemSettings
 from expertaug.wording import show, suggest
 
 if TYPE_CHECKING:
+    import torch
+
     from expertaug.systems.base import Parameter, System
 
 __all__ = ["Outline", "Parameter", "System", "describe", "load", "names", "outline", "rates"]
 
 PROBES = 16  # states at which the expert's rates are compared with the states themselves
+TIMES = (0.0, 0.37, 5.9)  # at which they are compared with each other
 
 
 def __getattr__(name: str) -> object:
@@ -107,7 +110,7 @@ def names(system: System) -> Names:
     )
     constant = frozenset(p.name for p in system.covariates)
     held = bool(system.inputs) and system.interpolation != "linear"
-    return Names(state, parameters, inputs, constant, held, rates(system))
+    return Names(state, parameters, inputs, constant, held, rates(system), is_timed(system))
 
 
 @dataclass(frozen=True)
@@ -142,7 +145,7 @@ def outline(settings: Mapping[str, Any]) -> Outline:
         {name: units.get(name, "") for name in part} for part in (own.STATE, own.expert_names, own.inputs)
     )
     priors = {name: _range(tables.scales.get(name, 1.0)) for name in own.expert_names}
-    of_own = Names(state, parameters, inputs, rates=tables.rates)
+    of_own = Names(state, parameters, inputs, rates=tables.rates, timed=tables.timed and not inputs)
     return Outline(of_own, priors, own.expert_names if tables.constants else ())
 
 
@@ -167,6 +170,28 @@ def rates(system: System) -> dict[str, str]:
     pendulum the speed is the angle's."""
     import torch
 
+    states, expert_rates = _probe(system, 0.0)
+    if expert_rates is None:
+        return {}
+    same = torch.isclose(expert_rates.unsqueeze(-1), states.unsqueeze(-2), rtol=1e-9, atol=1e-12).all(0)
+    names = [p.name for p in system.state]
+    return {names[j]: names[i] for i, j in same.nonzero().tolist() if i != j}
+
+
+def is_timed(system: System) -> bool:
+    """Whether the expert's rates depend on t itself, at states drawn at random."""
+    import torch
+
+    first, *later = (_probe(system, t)[1] for t in TIMES)
+    if first is None:
+        return False
+    return any(rates is None or not torch.allclose(rates, first, 0.0, 0.0, equal_nan=True) for rates in later)
+
+
+def _probe(system: System, t: float) -> tuple[torch.Tensor, torch.Tensor | None]:
+    """States drawn at random, always the same, and the expert's rates there at a time; None of an expert that fails."""
+    import torch
+
     draw = torch.Generator().manual_seed(0)
 
     def uniform(*size: int) -> torch.Tensor:
@@ -177,12 +202,9 @@ def rates(system: System) -> dict[str, str]:
     more = [uniform(PROBES, len(system.known))] if system.known else []
     more += [torch.ones(PROBES, dtype=torch.float64)] if system.has_events else []
     try:
-        expert_rates = system.expert(torch.zeros((), dtype=torch.float64), states, z_e, *more)
+        return states, system.expert(torch.tensor(t, dtype=torch.float64), states, z_e, *more)
     except Exception:  # a class of the user's may raise anything; what is wrong with it is told where it is used
-        return {}
-    same = torch.isclose(expert_rates.unsqueeze(-1), states.unsqueeze(-2), rtol=1e-9, atol=1e-12).all(0)
-    names = [p.name for p in system.state]
-    return {names[j]: names[i] for i, j in same.nonzero().tolist() if i != j}
+        return states, None
 
 
 def constants(system: System) -> list[str]:

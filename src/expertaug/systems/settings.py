@@ -77,12 +77,14 @@ class InTables:
         rates: component → the component whose rate of change it is.
         scales: typical sizes of the expert parameters that are not about one; all of them are positive.
         constants: whether these are constants of an apparatus, and do not say how a forecast starts.
+        timed: whether the expert depends on t itself, where it has no known inputs.
     """
 
     units: Mapping[str, str] = field(default_factory=dict)
     rates: Mapping[str, str] = field(default_factory=dict)
     scales: Mapping[str, float] = field(default_factory=dict)
     constants: bool = True
+    timed: bool = False
 
 
 class SystemSettings(Settings):
@@ -255,7 +257,7 @@ class RLCSettings(SystemSettings):
     EXPERT = ("L", "C")
     INTERACTION = ("R",)
     UNITS: ClassVar[dict[str, str]] = {"L": "H", "C": "F", "R": "ohm"}
-    TABLES = InTables({"U": "V", "I": "A", "V": "V"}, scales={"L": 2.0})
+    TABLES = InTables({"U": "V", "I": "A", "V": "V"}, scales={"L": 2.0}, timed=True)
 
     name: Literal["rlc"] = key("rlc", "the RLC circuit")
     equations: Literal["kirchhoff", "additive", "code"] = key(
