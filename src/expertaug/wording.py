@@ -8,9 +8,12 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from expertaug.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 TEXT_NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?")
 PATTERNS = {
@@ -63,8 +66,8 @@ def show(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def brief(t: Sequence[float]) -> str:
-    """Times in s in short, as a sequence or an array (T,)."""
+def brief(t: np.ndarray) -> str:
+    """Times in s, (T,), in short."""
     if len(t) < 4:
         return f"{', '.join(f'{v:.6g}' for v in t)} s"
     return f"{t[0]:.6g}, {t[1]:.6g} … {t[-1]:.6g} s ({len(t)} points)"
