@@ -11,7 +11,7 @@ from expertaug.errors import InputError
 from expertaug.measurements.cut import measure
 from expertaug.measurements.layout import recognise
 from expertaug.measurements.settings import MeasurementSettings, TableKeys
-from expertaug.measurements.table import read_table
+from expertaug.measurements.table_files import read_table
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from expertaug.api.trained import TrainedModel, load
 from expertaug.errors import InputError
 from expertaug.files import atomic
 from expertaug.measurements.settings import MeasurementSettings, column_of
-from expertaug.measurements.table import read_table
+from expertaug.measurements.table_files import read_table
 from expertaug.measurements.windows import Windows, latest_windows, settings_of
 from expertaug.systems import Parameter
 from expertaug.trajectories import Trajectories

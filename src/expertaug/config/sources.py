@@ -233,7 +233,7 @@ def _columns(path: Path, settings: MeasurementSettings, where: str) -> None:
         InputError: it cannot be read, or lacks one.
     """
     from expertaug.measurements import expression
-    from expertaug.measurements.table import read_table
+    from expertaug.measurements.table_files import read_table
 
     split = settings.split
     used = {f"{where}.time": column_of(settings.time).name}

@@ -140,7 +140,7 @@ def _inputs(rest: Sequence[str], table: Table, names: Names, units: Mapping[str,
     components = {name.lower() for name in names.state}
     columns: dict[str, Column] = {}
     for name, unit in names.inputs.items():
-        called = [column for column in rest if _bare(column) == _bare(name) and _bare(column) not in components]
+        called = [column for column in rest if bare(column) == bare(name) and bare(column) not in components]
         if called:
             columns[name] = Column(name=called[0], unit=unit_of(called[0], table, unit, units))
     return columns
@@ -202,7 +202,7 @@ def unit_of(name: str, table: Table, to: str, units: Mapping[str, str]) -> str |
     raise InputError(table.path, problem, remedy if own else f"{remedy}; '{to}' is not known")
 
 
-def _bare(name: str) -> str:
+def bare(name: str) -> str:
     """A name without its unit, in small letters."""
     return re.sub(r"[^a-z0-9]+", " ", parse_header(name).name.lower()).strip()
 
@@ -213,7 +213,7 @@ def _plain_name(name: str) -> str:
 
 def _time(numbers: Mapping[str, np.ndarray], table: Table, trajectory: str | None) -> str:
     for name in table.names:
-        if _bare(name) in TIMES and name != trajectory:
+        if bare(name) in TIMES and name != trajectory:
             return name
     dates = [name for name in table.names if name not in (*numbers, trajectory) and _holds(table, name, MOMENT)]
     if dates:
@@ -234,7 +234,7 @@ def _date(table: Table, time: str) -> str | None:
     """The column of dates beside one of times of day, where they are of more than one day."""
     if table.cells[time].dtype.kind not in "OU" or not _holds(table, time, CLOCK_TIME):
         return None
-    dates = [name for name in table.names if name != time and _bare(name) in DATES and _holds(table, name, MOMENT)]
+    dates = [name for name in table.names if name != time and bare(name) in DATES and _holds(table, name, MOMENT)]
     return next((name for name in dates if len(set(table.cells[name].tolist())) > 1), None)
 
 
@@ -247,7 +247,7 @@ def _holds(table: Table, name: str, pattern: re.Pattern[str]) -> bool:
 def _trajectory(numbers: Mapping[str, np.ndarray], table: Table) -> str | None:
     """A column that is called so, or whole numbers that stay the same for many rows."""
     for name in table.names:
-        if _bare(name) in TRAJECTORIES and len(table.kinds(name).texts) < max(len(table), 2):
+        if bare(name) in TRAJECTORIES and len(table.kinds(name).texts) < max(len(table), 2):
             return name  # where each row has its own it counts the rows
     for name, values in numbers.items():
         if np.isfinite(values).all() and (values == np.rint(values)).all() and not _is_of_time(name, values):
@@ -262,7 +262,7 @@ def _is_of_time(name: str, values: np.ndarray) -> bool:
     words = [word for word in re.split(r"[\W_]+", name.lower()) if word]
     units = [parse(word) for word in words if (len(word) > 1 and not unsure(word)) or words == ["s"]]
     of_time = any(unit is not None and unit.kind == "time" for unit in units)
-    return of_time or _bare(name) in TIMES or is_since_1970(float(values[0])) is not None
+    return of_time or bare(name) in TIMES or is_since_1970(float(values[0])) is not None
 
 
 def _components(
@@ -271,7 +271,7 @@ def _components(
     """Columns of components: by names first, then by the units, and what is left by its place; of those that stand
     ``still`` by names alone."""
     scores = sorted(
-        ((_likeness(component, column), component, column) for component in names.state for column in rest),
+        ((likeness(component, column), component, column) for component in names.state for column in rest),
         key=lambda match: -match[0],
     )
     matches: dict[str, str] = {}
@@ -302,22 +302,22 @@ def _header(name: str, table: Table) -> Told:
     return parse_header(name, table.units.get(name))
 
 
-def _likeness(component: str, column: str) -> float:
+def likeness(component: str, column: str) -> float:
     """How much a column is called as a component: 2 and 1.5 for its name and what it is often called, less than 1 where
     only a part or most letters are the same."""
-    bare = _bare(column)
-    words = bare.split()
+    plain = bare(column)
+    words = plain.split()
     if OTHERS & set(words):
         return 0.0
     number = re.sub(r".*?(\d*)$", r"\1", component)
     others = ALSO.get(component, ALSO.get(re.sub(r"\d+$", "", component), ()))
     candidates = [component.lower(), *(f"{other}{number}".lower() for other in others)]
-    best = max(difflib.SequenceMatcher(None, candidate, bare).ratio() for candidate in candidates)
-    if bare in candidates or bare.replace(" ", "") in candidates:
-        return 2.0 if bare == component.lower() else 1.5
-    ends = re.search(r"\d+$", bare)
-    if (ends[0] if ends else "") != number or len(bare) < 3:
+    best = max(difflib.SequenceMatcher(None, candidate, plain).ratio() for candidate in candidates)
+    if plain in candidates or plain.replace(" ", "") in candidates:
+        return 2.0 if plain == component.lower() else 1.5
+    ends = re.search(r"\d+$", plain)
+    if (ends[0] if ends else "") != number or len(plain) < 3:
         return 0.0
     return max(
-        best, 0.9 if any(len(candidate) > 2 and f" {candidate} " in f" {bare} " for candidate in candidates) else 0.0
+        best, 0.9 if any(len(candidate) > 2 and f" {candidate} " in f" {plain} " for candidate in candidates) else 0.0
     )

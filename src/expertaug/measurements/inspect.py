@@ -19,10 +19,10 @@ from expertaug.measurements.layout import recognise
 from expertaug.measurements.names import Names
 from expertaug.measurements.paths import list_files
 from expertaug.measurements.settings import MeasurementSettings, TableKeys, column_of
-from expertaug.measurements.table import read_table
+from expertaug.measurements.table_files import read_table
 from expertaug.measurements.time_order import check_one_row_a_time, check_repeats, check_seconds, check_sortable
 from expertaug.measurements.trajectory import Rows, times_of
-from expertaug.measurements.units import conversion, time_unit
+from expertaug.measurements.units import conversion, parse, time_unit
 
 SHOWN, POINTS = 6, 4000  # trajectories of a picture, and points of each
 ON = 0.95  # part of the rows on a grid, below which they are better kept at their own times
@@ -71,11 +71,13 @@ class Inspection:
             if key not in SETTABLE:
                 raise InputError("--set", f"no key '{key}'", f"known: {', '.join(sorted(SETTABLE))}")
         self.files = list_files(list(paths), "FILE")
-        layout = recognise(self.files[0], self.given)
+        single = next(iter(names.state)) if names and len(names.state) == 1 and not names.inputs else None
+        layout = recognise(self.files[0], self.given, single, (time, trajectory))
         self.keys, self.table, self.remarks = layout.keys, layout.table, list(layout.remarks)
         date, time_format = (self.given.get(key) for key in ("date", "time_format"))
         self.guess: Guess = guess(self.table, names, time, trajectory, units, date, time_format)  # type: ignore[arg-type]
         self.names = names or Names(dict.fromkeys(self.guess.columns, ""), {})
+        self._take_times_as_they_are()
         if self.guess.date is not None:
             self.remarks.append(f"the times are '{self.guess.date}' and '{self.guess.time.name}' together")
         if without := [name for name in self.names.inputs if name not in self.guess.inputs]:
@@ -308,6 +310,17 @@ class Inspection:
             yield f"not used: {', '.join(self.guess.left)}"
         if self.guess.unread:
             yield f"not read, as most of their cells are no numbers: {', '.join(self.guess.unread)}"
+
+    def _take_times_as_they_are(self) -> None:
+        """Leave times in a unit that the system's own rates have, too, as they are: else these would not fit them."""
+        unit = self.guess.time.unit
+        named = {name: said for name, unit_of in self.names.parameters.items() if (said := time_unit(unit_of))}
+        if unit is None or not named or any(parse(said) != parse(unit) for said in named.values()):
+            return
+        self.guess = replace(self.guess, time=self.guess.time.model_copy(update={"unit": "s"}))
+        name = next(iter(named))
+        remark = f"times are in {unit} and {name} is in {self.names.parameters[name]}: they stay as they are (unit: s)"
+        self.remarks.append(f"{remark}, so read {unit} where keys and figures say s")
 
     def _another_unit(self) -> str:
         """What is said of times without a unit where the system's rates are in another than the second."""

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from expertaug.errors import InputError
+from expertaug.measurements.guess import TRAJECTORIES, bare, likeness
 from expertaug.measurements.settings import TableKeys
-from expertaug.measurements.table import (
-    EMPTY,
+from expertaug.measurements.table import EMPTY, Table
+from expertaug.measurements.table_files import (
     THOUSANDS,
-    Table,
     beginning,
     count_cells,
     head_of,
     lines_above,
     read_table,
 )
+from expertaug.measurements.units import parse_header
 
 COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
 BLANKS = "\u0020\u00a0\u2009\u202f"  # of every width: French tables have a narrow one
@@ -29,7 +30,9 @@ WHOLE = re.compile(rf"[-+]?\d{{1,3}}|[-+]?[1-9]\d{{0,2}}([.,'{BLANKS}]\d{{3}})+"
 # What tells runs apart in the names of their columns, as Latest, Run 2 and #3.
 RUN = re.compile(r"\b(latest|run|trial|data set|dataset|series|serie|lauf|versuch|messung)\b|\d+")
 TIMES = ("t", "time", "zeit", "temps", "tiempo", "tempo")
-SEVERAL = 3  # numbers of each kind that are no coincidence
+SEVERAL = 3  # numbers of each kind, or columns of a name, that are no coincidence
+WELL = re.compile(r"[A-P](0?[1-9]|1\d|2[0-4])")  # of a plate
+NUMBERED = re.compile(r"(?P<stem>.*[^\d\s].*?)\d+")
 MOST_SENSORS = 200  # of a table in long format
 # What the columns of such a table are often called.
 SENSORS = ("sensor", "variable", "channel", "signal", "quantity", "parameter", "measurement", "name", "tag", "kind")
@@ -62,11 +65,18 @@ class Marks:
     example: str
 
 
-def recognise(path: Path, overrides: Mapping[str, object] | None = None) -> Layout:
+def recognise(
+    path: Path,
+    overrides: Mapping[str, object] | None = None,
+    component: str | None = None,
+    aside: Collection[str | None] = (),
+) -> Layout:
     """Find how a file is laid out.
 
     Arguments:
         overrides: keys that are known.
+        component: of a state that has no other, of which columns may be runs.
+        aside: columns that are something else.
 
     Raises:
         InputError: it is no table.
@@ -96,6 +106,16 @@ def recognise(path: Path, overrides: Mapping[str, object] | None = None) -> Layo
         keys["pivot"] = pivot
         remarks.append(f"long format: the '{pivot['value']}' of each '{pivot['name']}' becomes a column")
         table = read(read_table)
+    if component is not None and not {"beside", "pivot", "names"} & keys.keys():
+        runs = _runs_beside(table, component, aside)
+        if runs:
+            told = [parse_header(name) for name in runs]
+            units = {header.unit if header.sure else "" for header in told}
+            unit = next(iter(units)) if len(units) == 1 else ""
+            keys["beside"] = {"columns": runs, "value": f"{component} [{unit}]" if unit else component}
+            named = f"{len(runs)} columns, '{runs[0]}' to '{runs[-1]}'"
+            remarks.append(f"{named}, are taken for a run of {component} each (beside); if not: --set beside=null")
+            table = read(read_table)
     return Layout({k: v for k, v in keys.items() if v is not None}, table, remarks)
 
 
@@ -175,6 +195,24 @@ def _refuse_runs_beside(table: Table) -> None:
         these = ", ".join(f"'{name}'" for name, of in zip(table.names, bare, strict=True) if of in times)
         remedy = "save a file for each, or put them below each other with a column that names the run"
         raise InputError(table.path, f"has {runs} runs beside each other, with times {these}", remedy)
+
+
+def _runs_beside(table: Table, component: str, aside: Collection[str | None]) -> list[str]:
+    """Columns of numbers that are called alike but for a number, or as the wells of a plate, where no other column is
+    the component and none tells runs apart."""
+    families: dict[str, list[str]] = {}
+    for name in table.names:
+        if name in aside or table.mostly(name) is None:
+            continue
+        header = parse_header(name)
+        match = NUMBERED.fullmatch(header.name if header.sure else name)
+        stem = "" if WELL.fullmatch(name) else match["stem"].strip(" _.#-").lower() if match else None
+        if stem is not None and stem != "column":
+            families.setdefault(stem, []).append(name)
+    largest = max(families.values(), key=len, default=[])
+    others = [name for name in table.names if name not in largest]
+    told = any(likeness(component, name) >= 1.5 or bare(name) in TRAJECTORIES for name in others)
+    return [] if told or len(largest) < SEVERAL else largest
 
 
 def _long(table: Table) -> dict[str, object] | None:

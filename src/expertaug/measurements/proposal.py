@@ -25,8 +25,9 @@ NEAREST, STEPS = 0.1, 2  # the quantile of times from row to row that has so man
 NAME = "measured"
 # Keys of data.files that are shown where they are not the default, before the columns.
 READING = (
-    *("names", "separator", "decimal", "thousands", "skip_lines", "missing", "pivot", "time", "date", "time_format"),
-    *("trajectory", "angles", "unordered", "duplicates", "uneven", "step_s", "tolerance", "longest_gap", "min_seen"),
+    *("names", "separator", "decimal", "thousands", "skip_lines", "missing", "beside", "pivot", "time", "date"),
+    *("time_format", "trajectory", "angles", "unordered", "duplicates", "uneven", "step_s", "tolerance"),
+    *("longest_gap", "min_seen"),
 )
 # How the test set of a split is called in tables and figures, and what it is.
 TESTS = {

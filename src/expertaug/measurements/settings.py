@@ -169,8 +169,16 @@ class Pivot(Settings):
     )
 
 
+class Beside(Settings):
+    """Runs beside each other, as the wells of a plate: a column for each, and one of times for all."""
+
+    columns: Annotated[list[str], Field(min_length=2)] = key(..., "the columns, one for each run")
+    value: str = key(..., "what the column of their values is then called", min_length=1)
+    name: str = key("run", "what the column that tells runs apart is then called", min_length=1)
+
+
 class TableKeys(Settings):
-    """How a table is read; of Parquet and NPZ only ``missing`` and ``pivot`` may need to be said."""
+    """How a table is read; of Parquet and NPZ only ``missing``, ``beside`` and ``pivot`` may need to be said."""
 
     names: Annotated[list[str], Field(min_length=2)] | None = key(
         None, "names of the columns, for files without a header; null = taken from the first row that is not a comment"
@@ -187,6 +195,11 @@ class TableKeys(Settings):
         LEFT_OUT,
         "numbers and texts by which the files say that nothing was measured, such as -999 or OVR; beside empty cells, "
         "nan and the like, which always do",
+    )
+    beside: Beside = key(
+        LEFT_OUT,
+        "for tables with runs beside each other, a column for each: the columns, and what is made of them; the runs "
+        "are then below each other",
     )
     pivot: Pivot = key(
         LEFT_OUT,

@@ -13,7 +13,8 @@ from expertaug.measurements import expression
 from expertaug.measurements.names import Names
 from expertaug.measurements.sensors import check_marks
 from expertaug.measurements.settings import Column, MeasurementSettings, column_of, label_of
-from expertaug.measurements.table import Table, read_table
+from expertaug.measurements.table import Table
+from expertaug.measurements.table_files import read_table
 from expertaug.measurements.time_order import check_seconds, check_sortable
 from expertaug.measurements.units import Unit, conversion, parse, parse_header, unsure
 
