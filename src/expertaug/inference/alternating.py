@@ -30,7 +30,7 @@ from expertaug.inference.coordinates import LatentCoordinates
 from expertaug.inference.expected_error import record_misfits
 from expertaug.inference.held_constants import HeldConstants
 from expertaug.inference.least_squares import WindowFit, refine_by, with_overdispersion
-from expertaug.inference.levenberg_marquardt import DAMPING, adapt_damping, cost_of, minimise, trial
+from expertaug.inference.levenberg_marquardt import DAMPING, adapt_damping, cost_of, minimise, of_columns, trial
 from expertaug.inference.settings import AlternateJob, AlternateOptions, AlternatingSettings
 from expertaug.inference.shared import fit_shared, fit_shared_of_seeds
 from expertaug.inference.teacher_forcing import check_measured, expert_from_points, learn_next_points
@@ -360,7 +360,7 @@ class Alternation:
 
 
 def _residuals(fit: WindowFit, windows: Tensor, candidates: Tensor, columns: Tensor) -> Tensor:
-    return fit.residuals(candidates, windows[:, :, columns])
+    return fit.residuals(candidates, of_columns(windows, columns))
 
 
 def _choose(which: Tensor, first: Tensor, second: Tensor, axis: int) -> Tensor:

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from expertaug.inference.levenberg_marquardt import DAMPING, LESS, MORE, TIGHTEST, linearise, minimise
+from expertaug.inference.levenberg_marquardt import DAMPING, LESS, MORE, TIGHTEST, linearise, minimise, of_columns
 from expertaug.inference.sensed_fit import SensedFit
 from expertaug.inference.window_problem import MEMORY, WindowProblem
 from expertaug.models.fit_settings import Constant
@@ -170,9 +170,9 @@ def minimise_each(
         some, held = windows[:, :, first : first + size], x[:, first : first + size]
 
         def residuals(candidates: Tensor, columns: Tensor, some: Tensor = some, held: Tensor = held) -> Tensor:
-            whole = held[:, columns].expand(len(candidates), -1, -1, -1).clone()
+            whole = held[:, columns[0]].expand(len(candidates), -1, -1, -1).clone()
             whole[..., own] = candidates
-            return fit.residuals(whole, some[:, :, columns])
+            return fit.residuals(whole, of_columns(some, columns))
 
         minimum = held.clone()
         minimum[..., own] = minimise(residuals, held[..., own], steps, fit.longest[own]).x
@@ -188,7 +188,7 @@ def normal_equations(fit: WindowProblem | SensedFit, windows: Tensor, x: Tensor)
         some = windows[:, :, first : first + size]
 
         def residuals(candidates: Tensor, columns: Tensor, some: Tensor = some) -> Tensor:
-            return fit.residuals(candidates, some[:, :, columns])
+            return fit.residuals(candidates, of_columns(some, columns))
 
         parts.append(linearise(residuals, x[:, first : first + size]))
     return NormalEquations(*(torch.cat([part[k][0] for part in parts]) for k in range(3)))

@@ -21,7 +21,7 @@ from expertaug.errors import InputError
 from expertaug.inference.coordinates import (
     LatentCoordinates,
 )
-from expertaug.inference.levenberg_marquardt import LARGEST, Minimum, cost_of, minimise
+from expertaug.inference.levenberg_marquardt import LARGEST, Minimum, cost_of, minimise, of_columns
 from expertaug.inference.population import PopulationPull, overdispersion
 from expertaug.inference.window_problem import MEMORY, WindowProblem, assumed_noise
 from expertaug.learning.random_streams import RandomStreams
@@ -134,10 +134,10 @@ class WindowFit(WindowProblem):
         """The minima that are reached from starts (S, B, K)."""
 
         def residuals(candidates: Tensor, columns: Tensor) -> Tensor:
-            return self.residuals(candidates, windows[:, :, columns])
+            return self.residuals(candidates, of_columns(windows, columns))
 
         if not x.shape[-1]:  # everything is shared, and the first point is what was observed
-            cost = cost_of(residuals(x.unsqueeze(0), torch.arange(x.shape[-2]))[0])
+            cost = cost_of(self.residuals(x.unsqueeze(0), windows)[0])
             return Minimum(x, cost, x.new_zeros(*x.shape, 0), torch.ones_like(cost, dtype=torch.bool))
         return minimise(residuals, x, self.settings.steps, self.longest)
 

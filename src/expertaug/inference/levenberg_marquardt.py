@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-# (x (C, …, B', K), columns (B',)) → residuals (C, …, B', M): C candidates each for the chosen columns of the last axis.
+# (x (C, …, B', K), columns (…, B')) → residuals (C, …, B', M): C candidates each for the chosen problems of the last
+# axis, which are others in each row of the axes before.
 Residuals = Callable[[Tensor, Tensor], Tensor]
 
 DIFFERENCE = 1e-6  # of a parameter, for its derivative in double precision; parameters are of order one
@@ -41,7 +42,8 @@ def minimise(
 ) -> Minimum:
     """Minimise the sum of squared residuals of every problem from its own start.
 
-    Each step solves once for the trial point and its derivatives; problems that are done are left out of the next.
+    Each step solves once for the trial point and its derivatives; problems that are done are left out of the next, but
+    for as many of a row as another one, a seed, has more that are not.
 
     Arguments:
         residuals: of candidates; what is not finite counts as :data:`LARGEST`.
@@ -52,29 +54,43 @@ def minimise(
             when a linear model does not promise more.
     """
     x = x.clone()
-    columns = torch.arange(x.shape[-2], device=x.device)
-    cost, curvature, slope = _derivatives(residuals, x, columns)
+    cost, curvature, slope = linearise(residuals, x)
     damping = torch.full_like(cost, DAMPING)
     done, moved = (torch.zeros_like(cost, dtype=torch.bool) for _ in range(2))
     for _ in range(steps):
         step, gain = _step(curvature, slope, damping, longest)
         done |= (gain <= tolerance * cost) & (damping <= DAMPING)
-        open_ = (~done).reshape(-1, done.shape[-1]).any(0).nonzero().flatten()
-        if not len(open_):
+        most = int((~done).sum(-1).max())
+        if not most:
             break
-        now, at = cost[..., open_], damping[..., open_]
-        trial = (x + step)[..., open_, :]
+        # Each row's own first, in their order.
+        open_ = (~done).int().argsort(dim=-1, descending=True, stable=True)[..., :most]
+        now, at, over = (_of(values, open_) for values in (cost, damping, done))
+        trial = _of(x + step, open_)
         new, new_curvature, new_slope = _derivatives(residuals, trial, open_)
-        better = (new < now) & ~done[..., open_]
-        moved[..., open_] |= better
-        x[..., open_, :] = torch.where(better[..., None], trial, x[..., open_, :])
-        curvature[..., open_, :, :] = torch.where(better[..., None, None], new_curvature, curvature[..., open_, :, :])
-        slope[..., open_, :] = torch.where(better[..., None], new_slope, slope[..., open_, :])
-        cost[..., open_] = torch.where(better, new, now)
-        damping[..., open_] = torch.where(better, at * LESS, at * MORE)
-        settled = (better & (now - new <= tolerance * now)) | (damping[..., open_] > TIGHTEST)
-        done[..., open_] = done[..., open_] | settled
+        better = (new < now) & ~over
+        for kept, value in ((x, trial), (curvature, new_curvature), (slope, new_slope), (cost, new)):
+            chosen = better.view(*better.shape, *[1] * (value.dim() - better.dim()))
+            _put(kept, open_, torch.where(chosen, value, _of(kept, open_)))
+        at = torch.where(better, at * LESS, at * MORE)
+        _put(damping, open_, torch.where(over, _of(damping, open_), at))
+        _put(moved, open_, _of(moved, open_) | better)
+        _put(done, open_, over | (better & (now - new <= tolerance * now)) | (at > TIGHTEST))
     return Minimum(x, cost, curvature, moved)
+
+
+def _places(values: Tensor, columns: Tensor) -> Tensor:
+    """Columns (…, B') as places in values (…, B, …)."""
+    rest = values.shape[columns.dim() :]
+    return columns.view(*columns.shape, *[1] * len(rest)).expand(*columns.shape, *rest)
+
+
+def _of(values: Tensor, columns: Tensor) -> Tensor:
+    return values.gather(columns.dim() - 1, _places(values, columns))
+
+
+def _put(values: Tensor, columns: Tensor, new: Tensor) -> None:
+    values.scatter_(columns.dim() - 1, _places(values, columns), new)
 
 
 @torch.no_grad()
@@ -108,7 +124,14 @@ def _derivatives(residuals: Residuals, x: Tensor, columns: Tensor) -> tuple[Tens
 
 def linearise(residuals: Residuals, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Cost (…, B), JᵀJ (…, B, K, K) and Jᵀr (…, B, K) at parameters x (…, B, K)."""
-    return _derivatives(residuals, x, torch.arange(x.shape[-2], device=x.device))
+    return _derivatives(residuals, x, torch.arange(x.shape[-2], device=x.device).expand(x.shape[:-1]))
+
+
+def of_columns(values: Tensor, columns: Tensor | slice) -> Tensor:
+    """The chosen problems, columns (S, B') or all, of values (…, S, B, …) whose first axis is of times."""
+    if isinstance(columns, slice):
+        return values
+    return values[:, torch.arange(len(columns), device=columns.device).unsqueeze(1), columns]
 
 
 def cost_of(residuals: Tensor) -> Tensor:

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.inference.coordinates import seen_components
-from expertaug.inference.levenberg_marquardt import DAMPING, adapt_damping, cost_of, minimise, trial
+from expertaug.inference.levenberg_marquardt import DAMPING, adapt_damping, cost_of, minimise, of_columns, trial
 from expertaug.inference.settings import TeacherForcing
 from expertaug.inference.window_problem import WindowProblem
 from expertaug.learning.divergence import forecast_or_fallback
@@ -140,7 +140,7 @@ def expert_from_points(fit: WindowProblem, windows: Tensor, x: Tensor, batch: in
 
 
 def _with_rest(pairs: _Pairs, rest: Tensor, candidates: Tensor, columns: Tensor) -> Tensor:
-    wide = rest[:, columns].expand(*candidates.shape[:-1], -1)
+    wide = of_columns(rest[None], columns)[0].expand(*candidates.shape[:-1], -1)
     return pairs.residuals(torch.cat((candidates, wide), -1), columns)
 
 
@@ -165,10 +165,11 @@ class _Pairs:
     def errors(self, own: Tensor, columns: Tensor | slice = slice(None)) -> Tensor:
         """Errors of the forecasts with z_e and z_a of coordinates ``own`` (S, C·B', p + q) of the chosen windows, C
         for each; their squares' sum (S, C·B') is a mean."""
-        copies = own.shape[1] // self.first[:, columns].shape[1]
-        starts, aim = (_repeat(values[:, :, columns], copies) for values in (self.starts, self.aim))
-        first = _repeat(self.first[None, :, columns], copies)[0]
-        u = None if self.u is None else _repeat(self.u[:, :, columns], copies)
+        first = of_columns(self.first[None], columns)
+        copies = own.shape[1] // first.shape[2]
+        starts, aim = (_repeat(of_columns(values, columns), copies) for values in (self.starts, self.aim))
+        first = _repeat(first, copies)[0]
+        u = None if self.u is None else _repeat(of_columns(self.u, columns), copies)
         measured = own.new_zeros(*own.shape[:2], self.fit.sizes[2])
         z_e, z_a, _ = self.fit.parts(torch.cat((own, measured), -1), first)
         found = _next_points(self.fit, starts, self.some, z_e.expand(*z_a.shape[:2], -1), z_a, u)

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from expertaug.errors import InputError
 from expertaug.inference.least_squares import WindowFit, estimator_of
-from expertaug.inference.levenberg_marquardt import DAMPING, adapt_damping, cost_of, trial
+from expertaug.inference.levenberg_marquardt import DAMPING, adapt_damping, cost_of, of_columns, trial
 from expertaug.inference.settings import ValiditySettings
 from expertaug.learning.optimiser import clip_each_seed
 from expertaug.models.decoder import Decoder
@@ -243,7 +243,7 @@ def _fit(fit: WindowFit, x: Tensor, y: Tensor, how: ValiditySettings) -> tuple[W
     x, limit = x.clone(), THRESHOLD**2
 
     def residuals(candidates: Tensor, columns: Tensor) -> Tensor:
-        return new.residuals(candidates, y[:, :, columns])
+        return new.residuals(candidates, of_columns(y, columns))
 
     for _ in range(how.steps):
         moved, cost = trial(residuals, x, damping, new.longest)
