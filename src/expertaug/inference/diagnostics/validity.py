@@ -262,7 +262,7 @@ def _fit(fit: WindowFit, x: Tensor, y: Tensor, how: ValiditySettings) -> tuple[W
     for _ in range(LAST):
         moved, cost = trial(residuals, x, damping, new.longest)
         with torch.no_grad():
-            better = cost_of(residuals(moved.unsqueeze(0), torch.arange(x.shape[1]))[0]) < cost
+            better = cost_of(new.residuals(moved.unsqueeze(0), y)[0]) < cost
         x, damping = torch.where(better[..., None], moved, x), adapt_damping(damping, better)
     return new, x
 
