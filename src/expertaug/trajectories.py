@@ -10,10 +10,16 @@ import numpy as np
 
 from expertaug.errors import InputError
 from expertaug.files import atomic, read_npz
-from expertaug.wording import brief
 
 OPTIONAL = ("id", "u", "mask", "noise")
 STEP_SHARE = 1e-3  # of a step: times that are nearer are the same
+
+
+def brief(t: np.ndarray) -> str:
+    """Times in s, (T,), in short."""
+    if len(t) < 4:
+        return f"{', '.join(f'{v:.6g}' for v in t)} s"
+    return f"{t[0]:.6g}, {t[1]:.6g} … {t[-1]:.6g} s ({len(t)} points)"
 
 
 @dataclass(frozen=True)

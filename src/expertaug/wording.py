@@ -8,12 +8,9 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from expertaug.errors import InputError
-
-if TYPE_CHECKING:
-    import numpy as np
 
 TEXT_NUMBER = re.compile(r"[-+]?(\d[\d_]*\.?\d*|\.\d+)([eE][-+]?\d+)?")
 PATTERNS = {
@@ -64,13 +61,6 @@ def show(value: object) -> str:
     else:
         text = json.dumps(value, ensure_ascii=False, default=str)
     return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def brief(t: np.ndarray) -> str:
-    """Times in s, (T,), in short."""
-    if len(t) < 4:
-        return f"{', '.join(f'{v:.6g}' for v in t)} s"
-    return f"{t[0]:.6g}, {t[1]:.6g} … {t[-1]:.6g} s ({len(t)} points)"
 
 
 def number_in(text: str) -> str | None:

@@ -16,8 +16,8 @@ from expertaug.errors import InputError
 from expertaug.systems import System
 from expertaug.systems.inputs import check_given
 from expertaug.systems.solvers.solver import Solver
-from expertaug.trajectories import Trajectories, points_until
-from expertaug.wording import brief, check_keys
+from expertaug.trajectories import Trajectories, brief, points_until
+from expertaug.wording import check_keys
 
 Array: TypeAlias = np.ndarray | Tensor
 Ranges: TypeAlias = Mapping[str, Sequence[float]]

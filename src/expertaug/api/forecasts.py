@@ -11,7 +11,7 @@ from torch import Tensor
 from expertaug.api.arguments import Array
 from expertaug.errors import InputError
 from expertaug.models.doubts import FitDoubts
-from expertaug.wording import brief
+from expertaug.trajectories import brief
 
 
 @dataclass(frozen=True, eq=False)

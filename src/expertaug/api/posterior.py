@@ -23,8 +23,7 @@ from expertaug.inference.settings import FlowSettings, FlowTrainingOptions
 from expertaug.learning.divergence import bound_of_card
 from expertaug.learning.trainer import History
 from expertaug.systems.solvers.solver import Solver
-from expertaug.trajectories import Trajectories
-from expertaug.wording import brief
+from expertaug.trajectories import Trajectories, brief
 
 
 class FlowOptions(TypedDict, total=False):

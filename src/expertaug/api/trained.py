@@ -41,9 +41,8 @@ from expertaug.models.support import outside_support
 from expertaug.rows import frame
 from expertaug.systems import System
 from expertaug.systems.solvers.solver import Solver
-from expertaug.trajectories import Trajectories
+from expertaug.trajectories import Trajectories, brief
 from expertaug.windows import Windows
-from expertaug.wording import brief
 
 T = TypeVar("T")
 
