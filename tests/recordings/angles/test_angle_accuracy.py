@@ -66,8 +66,8 @@ def test_angles_are_never_worse_than_their_markers(tracked):
 def test_uncertainties_are_right_within_a_factor_of_one_and_a_half(tracked):
     """Those of speeds from frames far apart as well, which err by what happens between the frames."""
     _, folder = tracked
-    # The camera is upright, and it is said: a swing contradicts that by two standard errors in one clip of twenty, and on
-    # one kind of processor in this.
+    # The camera is upright, which is said: by chance a swing contradicts that in one clip of twenty, and on one kind of
+    # processor in this one.
     off, _, std, table, _ = measured(folder, rotation_error_deg=0.0)
     ratio = rms(std) / rms(off)
     assert ((ratio > 1 / 1.5) & (ratio < 1.5)).all(), ratio
