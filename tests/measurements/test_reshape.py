@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+
 import numpy as np
 import pytest
 import yaml
@@ -16,18 +18,6 @@ from expertaug.measurements.table_files import read_table
 from expertaug.systems.base import Parameter, System
 
 T = np.arange(0, 24.1, 0.5)
-OWN = '''"""Logistic growth."""
-from expertaug.systems.base import Parameter, System
-
-
-class Growth(System):
-    state = (Parameter("od", ""),)
-    expert_parameters = (Parameter("r", "1/h"), Parameter("K", ""))
-
-    def expert(self, t, y, z_e):
-        r, k = z_e.unbind(-1)
-        return (r * y[..., 0] * (1 - y[..., 0] / k)).unsqueeze(-1)
-'''
 
 
 class Growth(System):
@@ -98,7 +88,9 @@ def test_a_unit_of_all_of_them_is_that_of_their_values(tmp_path):
 
 def test_a_plate_becomes_trajectories_with_times_as_the_system_has_them(tmp_path, capsys, monkeypatch):
     plate(tmp_path / "plate.csv", ["A1", "A2", "A3", "B1"])
-    (tmp_path / "growth_of.py").write_text(OWN)
+    (tmp_path / "growth_of.py").write_text(
+        f"from expertaug.systems.base import Parameter, System\n\n\n{inspect.getsource(Growth)}"
+    )
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.chdir(tmp_path)
     assert main(["inspect-data", "plate.csv", "--system", "growth_of:Growth"]) == 0

@@ -116,10 +116,25 @@ def test_what_cannot_be_whole_is_refused(sampled, tmp_path):
     two.write_text("\n".join(lines[:23]) + "\n")
     with pytest.raises(InputError, match="whole: 2 trajectories are as many chunks"):
         ea.split_measurements(two, Tablet(), split={"by": "random"}, **READ, length=2430)
+
+
+def test_a_first_row_without_a_value_is_where_time_begins(sampled, tmp_path):
+    """As that of a dose: what was not measured then is an unknown of the fit, and no row is moved."""
+    path, true = sampled
+    lines = path.read_text().splitlines()
+    first = [k for k, line in enumerate(lines) if k and float(line.split(",")[3]) == 0]
+    assert len(first) == 8
+    lines = [line.rpartition(",")[0] + "," if k in first else line for k, line in enumerate(lines)]
     blank = tmp_path / "blank.csv"
-    blank.write_text("\n".join([lines[0], lines[1].rpartition(",")[0] + ",", *lines[2:]]) + "\n")
-    with pytest.raises(InputError, match=r"whole: the first row of blank/1(\.0)? has no value"):
-        ea.read_measurements(blank, Tablet(), **READ, length=2430)
+    blank.write_text("\n".join(lines) + "\n")
+    chunks, before = (ea.read_measurements(file, Tablet(), **READ, length=2430) for file in (blank, path))
+    assert not chunks.mask[:, 0].any() and (chunks.mask[:, 1:] == before.mask[:, 1:]).all()
+    prior = {"ka": (0.3, 5.0), "ke": (0.03, 0.3), "V": (0.2, 1.0)}
+    fit = {"observed_s": float(chunks.t[2425]), "prior": prior, "noise": 0.05, "starts": 8, "tries": 1}
+    model = ea.least_squares(Tablet(), chunks, **fit, solver={"method": "rk4", "points_per_step": 8})
+    found = model.forecast(chunks.seen[:, : model.observed], chunks.t, u=chunks.u)
+    pull = (found.z_e["ke"] - true[:, 1]) / found.z_e_std["ke"]
+    assert np.abs(pull).max() < 4 and np.abs(found.z_e["ke"] / true[:, 1] - 1).max() < 0.2
 
 
 def test_inputs_that_end_before_the_chunk_are_told(tmp_path):
@@ -173,6 +188,7 @@ def test_a_dose_that_stands_in_one_row_of_a_subject_is_no_concentration(tmp_path
     assert main(["inspect-data", "doses.csv", "--system", "tablets:Tablet"]) == 0
     out = capsys.readouterr().out
     assert "conc (column 'DV')" in out and "no component: AMT, WT;" in out
+    assert yaml.safe_load(out)["experiments"]["measured"]["data"]["files"]["whole"] is True, "from the dose on"
 
 
 @pytest.mark.parametrize("uneven", ["mask", "interpolate"])

@@ -227,12 +227,14 @@ def summarise(
             rows.append(row(pooled, name, unit, SHARED, windows))
             continue
         mean, typical = values.mean(0), None if errors is None else errors.mean(0)
-        stated_by_one = typical
+        alone: dict[str, float] = {}  # errors of trajectories of one window, whose own it is whatever its weight
         if typical is not None and name in left_open:
             # Errors of weak estimates follow these: the low ones of a positive parameter would count most.
             typical = np.full_like(typical, np.sqrt(np.square(typical).mean()))
         each = {}
         for trajectory, places in places_by_trajectory(identity, windows).items():
+            if errors is not None and len(places) == 1:
+                alone[trajectory] = float(np.hypot(errors[:, places[0]].mean(), between))
             centre = of_trajectory(mean[places], None if typical is None else typical[places])
             each[trajectory] = (
                 Pooled(centre.value, float(np.hypot(centre.error, between)), np.nan, centre.groups),
@@ -249,12 +251,11 @@ def summarise(
             rows.append(row(of_all, name, unit, of, windows, of_windows=True))
         if identity is not None:
             done = {constant.of for constant in own}
-            if stated_by_one is not None:  # what is one window's own needs no weights
-                for trajectory, places in places_by_trajectory(identity, windows).items():
-                    if len(places) == 1 and trajectory not in done:
-                        error = float(np.hypot(stated_by_one[places[0]], between))
-                        each[trajectory] = replace(each[trajectory][0], error=error), 1
-            rows += [row(pooled, name, unit, t, n, of_windows=True) for t, (pooled, n) in each.items() if t not in done]
+            rows += [
+                row(replace(pooled, error=alone.get(t, pooled.error)), name, unit, t, n, of_windows=True)
+                for t, (pooled, n) in each.items()
+                if t not in done
+            ]
     of_sensors = [constant for constant in together if constant.name not in stated.names]
     return rows + [
         row(_pool(constant), constant.name, constant.unit, constant.of, constant.windows or count)

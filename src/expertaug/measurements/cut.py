@@ -308,8 +308,8 @@ def _fits(value: str, series: Series, patterns: Sequence[str], by: str) -> bool:
 
 
 def candidates(data: Measured, labels: list[np.ndarray]) -> dict[str, np.ndarray]:
-    """Per split, the chunks that begin with a measured point, lie on the grid and have enough of it measured: rows
-    (series, first point), (N, 2)."""
+    """Per split, the chunks that begin with a measured point, unless whole, lie on the grid and have enough of it
+    measured: rows (series, first point), (N, 2)."""
     rows = {name: _of_split(data, labels, name) for name in SPLITS}
     if data.settings.whole:
         _refuse_left_out(data, labels, np.concatenate(list(rows.values()))[:, 0])
@@ -322,9 +322,7 @@ def _refuse_left_out(data: Measured, labels: list[np.ndarray], taken: np.ndarray
         if (label >= 0).any() and k not in taken:
             trajectory = data.grid.series[k]
             problem, remedy = f"the rows of {trajectory.name} are of several sets", "divide whole trajectories"
-            if not np.isfinite(trajectory.y[0, data.seen]).any():
-                problem, remedy = f"the first row of {trajectory.name} has no value", "leave that row out"
-            elif not np.isfinite(trajectory.u).all():
+            if not np.isfinite(trajectory.u).all():
                 problem = f"known inputs of {trajectory.name} do not reach from its first row to the chunk's end"
                 remedy = "give them there, or a smaller length"
             raise InputError(f"{WHERE}.whole", problem, remedy)
@@ -360,7 +358,7 @@ def _apart(data: Measured, labels: list[np.ndarray], split: str, stride: int) ->
 
 
 def _good(data: Measured, rows: np.ndarray) -> np.ndarray:
-    """Which chunks (N,) begin with a measured point, lie on the grid and have enough of it measured."""
+    """Which chunks (N,) begin with a measured point, unless whole, lie on the grid and have enough of it measured."""
     seen, h, settings = data.seen, data.grid.row_s, data.settings
     tolerance = 1.01 if data.grid.share < 1 else settings.tolerance  # both ends may be half a point off
     least, good = (0.0 if settings.whole else settings.min_seen * data.grid.share), np.zeros(len(rows), dtype=bool)
@@ -374,7 +372,7 @@ def _good(data: Measured, rows: np.ndarray) -> np.ndarray:
             off = np.abs(trajectory.t[points] - trajectory.t[first][:, None] - h * (points - first[:, None]))
             good[here] = (
                 driven[points].all(1)
-                & present[first].any(1)
+                & (present[first].any(1) | settings.whole)
                 & (present.sum(1)[points].sum(1) / (settings.length * present.shape[1]) >= least)
                 & ~(off > max(tolerance, 1e-6) * h).any(1)
             )
